@@ -1,0 +1,204 @@
+//! A finished plan as a table: what the daemon publishes.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::layout::{self, Block, LayoutError, Section};
+
+/// "OVFLYPLN" in memory order on a little-endian machine.
+pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYPLN");
+pub const SCHEMA: u32 = 1;
+
+/// The figures of a plan, in the order of `metrics` in `plan.json`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MetricsRow {
+    pub length_m: f64,
+    pub waypoints: u64,
+    /// Length over cruise speed (paper, Eq. 4).
+    pub movement_s: f64,
+    /// Sum of Eq. 5 over the inner waypoints.
+    pub turning_s: f64,
+    pub flight_s: f64,
+    /// Share of the capturable samples above the threshold, by exact rays from the images.
+    pub coverage_percent: f64,
+    /// The same of the exposed samples.
+    pub coverage_exposed_percent: f64,
+    /// Share of the exposed samples that can be captured at all: the ceiling.
+    pub capturable_percent: f64,
+    /// Area-weighted information (model units) by exact rays.
+    pub information: f64,
+    /// Eq. 6 with the exact information.
+    pub objective: f64,
+}
+
+/// What the plan was made from and how the search ended.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct PlanFacts {
+    pub metrics: MetricsRow,
+    pub revision: u64,
+    pub seed: u64,
+    pub iterations: u64,
+    /// 0 the coverage goal was reached, 1 the iterations were used up, 2 the search was stopped.
+    pub stop: u64,
+    pub origin_lat_deg: f64,
+    pub origin_lon_deg: f64,
+    pub origin_alt_m: f64,
+    /// 1 when the origin means something.
+    pub georeferenced: u64,
+    /// Coverage goal G in percent of the capturable samples.
+    pub goal_percent: f64,
+    /// Field and search times, s.
+    pub field_s: f64,
+    pub search_s: f64,
+    /// Exact evaluation and safety check, s.
+    pub check_s: f64,
+    /// From taking up the request to this message, s.
+    pub total_s: f64,
+    /// Smallest distance of the curve to a structure or the ground, m.
+    pub clearance_m: f64,
+    pub threads: u64,
+}
+
+/// A waypoint with its view direction; `has_direction` is 0 for a panoramic rig.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct WaypointRow {
+    pub position_m: [f64; 3],
+    pub direction: [f64; 3],
+    pub has_direction: u64,
+}
+
+/// One image of one camera of the rig.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ImageRow {
+    pub position_m: [f64; 3],
+    pub direction: [f64; 3],
+    pub up: [f64; 3],
+    /// Horizontal and vertical field of view; 0 for a panoramic image.
+    pub fov_deg: [f64; 2],
+    /// Since the start of the flight.
+    pub time_s: f64,
+    pub camera: u32,
+    pub has_direction: u16,
+    pub selected: u16,
+}
+
+/// One iteration of the search: the best path so far.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct IterationRow {
+    pub objective: f64,
+    /// Of the capturable samples, by the field.
+    pub coverage_percent: f64,
+    pub length_m: f64,
+    pub turning_s: f64,
+}
+
+/// How many rows each section of a plan holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlanCounts {
+    pub waypoints: usize,
+    pub images: usize,
+    pub samples: usize,
+    pub iterations: usize,
+    pub text_bytes: usize,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct PlanHeader {
+    magic: u64,
+    schema: u32,
+    header_bytes: u32,
+    total_bytes: u64,
+    facts: PlanFacts,
+    sections: [Section; SECTIONS],
+}
+
+const SECTIONS: usize = 5;
+const NAMES: [&str; SECTIONS] = ["waypoints", "images", "cells", "iterations", "text"];
+const ROW_BYTES: [usize; SECTIONS] =
+    [size_of::<WaypointRow>(), size_of::<ImageRow>(), size_of::<u16>(), size_of::<IterationRow>(), 1];
+
+impl PlanCounts {
+    /// Size of the whole table in blocks.
+    pub fn blocks(&self) -> usize {
+        layout::blocks_for(self.sections().1)
+    }
+
+    fn sections(&self) -> ([Section; SECTIONS], u64) {
+        let counts = [self.waypoints, self.images, self.samples, self.iterations, self.text_bytes];
+        let mut rows = [(0, 0); SECTIONS];
+        for (row, (count, bytes)) in rows.iter_mut().zip(counts.into_iter().zip(ROW_BYTES)) {
+            *row = (count, bytes);
+        }
+        layout::lay_out(size_of::<PlanHeader>(), rows)
+    }
+}
+
+/// A plan that can be read.
+#[derive(Clone, Copy, Debug)]
+pub struct PlanTable<'a> {
+    pub facts: &'a PlanFacts,
+    pub waypoints: &'a [WaypointRow],
+    pub images: &'a [ImageRow],
+    /// Covered cells of each sample of the field that the plan was made on, in its order, by exact rays.
+    pub cells: &'a [u16],
+    pub iterations: &'a [IterationRow],
+    /// Lines of UTF-8 text: scene, rig, method, then the names of the rig's cameras.
+    pub text: &'a [u8],
+}
+
+impl<'a> PlanTable<'a> {
+    /// Opens a table that somebody else may have written; every bound is checked.
+    pub fn open(blocks: &'a [Block]) -> Result<Self, LayoutError> {
+        let header: &PlanHeader = layout::header(blocks, "plan", MAGIC, SCHEMA, |header: &PlanHeader| {
+            (header.magic, header.schema, header.total_bytes)
+        })?;
+        let [waypoints, images, cells, iterations, text] = header.sections;
+        Ok(Self {
+            facts: &header.facts,
+            waypoints: layout::rows(blocks, waypoints, NAMES[0])?,
+            images: layout::rows(blocks, images, NAMES[1])?,
+            cells: layout::rows(blocks, cells, NAMES[2])?,
+            iterations: layout::rows(blocks, iterations, NAMES[3])?,
+            text: layout::rows(blocks, text, NAMES[4])?,
+        })
+    }
+
+    /// Writes a plan into `blocks`, which must be exactly as long as [`PlanCounts::blocks`] of these sections says.
+    pub fn write(&self, blocks: &mut [Block]) {
+        let counts = self.counts();
+        assert_eq!(blocks.len(), counts.blocks(), "the caller sizes the table with PlanCounts::blocks");
+        blocks.fill(Block::ZERO);
+        let (sections, total_bytes) = counts.sections();
+        let header_bytes = size_of::<PlanHeader>();
+        let header = PlanHeader {
+            magic: MAGIC,
+            schema: SCHEMA,
+            header_bytes: header_bytes as u32,
+            total_bytes,
+            facts: *self.facts,
+            sections,
+        };
+        bytemuck::cast_slice_mut::<Block, u8>(blocks)[..header_bytes].copy_from_slice(bytemuck::bytes_of(&header));
+        let [waypoints, images, cells, iterations, text] = layout::split_mut(blocks, sections, ROW_BYTES);
+        waypoints.copy_from_slice(bytemuck::cast_slice(self.waypoints));
+        images.copy_from_slice(bytemuck::cast_slice(self.images));
+        cells.copy_from_slice(bytemuck::cast_slice(self.cells));
+        iterations.copy_from_slice(bytemuck::cast_slice(self.iterations));
+        text.copy_from_slice(self.text);
+    }
+
+    pub fn counts(&self) -> PlanCounts {
+        PlanCounts {
+            waypoints: self.waypoints.len(),
+            images: self.images.len(),
+            samples: self.cells.len(),
+            iterations: self.iterations.len(),
+            text_bytes: self.text.len(),
+        }
+    }
+}

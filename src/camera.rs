@@ -1,0 +1,1 @@
+//! Cameras and rigs: what an image taken at a pose can see.

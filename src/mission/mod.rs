@@ -1,0 +1,1 @@
+//! One writer per output format: a plan in, bytes out.

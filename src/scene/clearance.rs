@@ -1,0 +1,1 @@
+//! Distances and lines of sight to the surfaces of a scene.

@@ -1,0 +1,73 @@
+//! The proxy: what is known of the scene before the flight (paper, section 3).
+
+use std::fmt;
+use std::sync::Arc;
+
+use geo::MultiPolygon;
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+use crate::frame::LocalFrame;
+
+/// A triangle by its corners, counter-clockwise seen from outside, metres in the local frame.
+pub type Triangle = [Point3<f64>; 3];
+
+/// Identity of a structure: stable between loads of the same file and across edits. It is the hash of the structure's name.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+pub struct StructureId(pub u64);
+
+impl StructureId {
+    /// The id of the structure called `name` (64-bit FNV-1a, so that it is the same on every machine and in every version).
+    pub fn of_name(name: &str) -> Self {
+        let hash = name
+            .bytes()
+            .fold(0xcbf2_9ce4_8422_2325u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
+        Self(hash)
+    }
+}
+
+impl fmt::Display for StructureId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:016x}", self.0)
+    }
+}
+
+/// The rough scene: structures on a flat ground plane at z = 0 of the local frame, and the zones that must not be entered.
+///
+/// Structures are sorted by id and ids are unique, so that two scenes with the same structures are the same value whatever the
+/// order in which they were made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    pub name: String,
+    pub frame: LocalFrame,
+    pub structures: Vec<Arc<Structure>>,
+    pub zones: Vec<NoFlyZone>,
+}
+
+/// One building, building part, bridge or tower: the unit of editing and of sampling.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Structure {
+    pub id: StructureId,
+    /// The id in the file where it has one, else a derived one (`feature-17`).
+    pub name: String,
+    pub shape: Shape,
+}
+
+/// The geometry of a structure, metres in the local frame.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// A footprint with holes, swept from `base_m` to `top_m` (heights above the ground plane, `base_m < top_m`).
+    /// Exterior rings run counter-clockwise, holes clockwise; rings do not cross.
+    Prism { footprint: MultiPolygon<f64>, base_m: f64, top_m: f64 },
+    /// A surface of triangles; it need not be closed.
+    Mesh { triangles: Vec<Triangle> },
+}
+
+/// A polygon that the drone must not enter between two heights above the ground plane.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoFlyZone {
+    pub name: String,
+    pub outline: MultiPolygon<f64>,
+    pub floor_m: f64,
+    pub ceiling_m: f64,
+}

@@ -1,0 +1,168 @@
+//! Every constant of the model, with its unit; `config/default.toml` is the same values with their reasons and is embedded here.
+
+use serde::{Deserialize, Serialize};
+
+/// The embedded defaults, as text.
+pub const DEFAULT_TOML: &str = include_str!("../config/default.toml");
+
+/// All settings of a planner or daemon.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    pub proxy: ProxySettings,
+    pub surface: SurfaceSettings,
+    pub flight: FlightSettings,
+    pub field: FieldSettings,
+    pub coverage: CoverageSettings,
+    pub objective: ObjectiveSettings,
+    pub search: SearchSettings,
+    pub daemon: DaemonSettings,
+}
+
+/// How gaps in a scene file are filled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProxySettings {
+    /// Height of one storey where only `building:levels` is given, m.
+    pub storey_height_m: f64,
+    /// Height of a building of which nothing is known, m.
+    pub default_height_m: f64,
+    /// A taller building is a mistake in the file, m.
+    pub max_height_m: f64,
+    /// A building farther from the middle of the scene is a mistake in the file, m.
+    pub max_extent_m: f64,
+}
+
+/// Sampling of the surface (paper, section 4.1).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SurfaceSettings {
+    /// Target number N of exposed samples.
+    pub samples: u32,
+    /// Seed of the sampling and of the lattice's jitter.
+    pub seed: u64,
+    /// How far in front of a sample its exposure is tested, m.
+    pub exposure_offset_m: f64,
+}
+
+/// Where the drone may fly and how fast.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FlightSettings {
+    pub cruise_speed_mps: f64,
+    /// Least distance of the curve to every structure, m.
+    pub safety_distance_m: f64,
+    /// Least altitude above the ground plane, m.
+    pub altitude_min_m: f64,
+    /// Headroom above the tallest structure, m.
+    pub above_tallest_m: f64,
+    /// Legal ceiling above the ground plane, m.
+    pub legal_ceiling_m: f64,
+    /// How far the flight may leave the box around the structures, m.
+    pub lateral_margin_m: f64,
+    /// Zones in local metres, beside those that the scene file brings.
+    pub no_fly: Vec<NoFlySetting>,
+}
+
+/// A no-fly zone of the configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NoFlySetting {
+    pub name: String,
+    /// Corners, m east and north of the scene's origin.
+    pub outline_m: Vec<[f64; 2]>,
+    pub floor_m: f64,
+    pub ceiling_m: f64,
+}
+
+/// The viewpoints of the view information field (paper, section 4.3).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldSettings {
+    /// Target number M of viewpoints.
+    pub viewpoints: u32,
+    /// Coarsest lattice, m: beyond it the shell would fall between the cells.
+    pub max_spacing_m: f64,
+    /// Outer edge of the offset shell, m from the nearest surface.
+    pub shell_m: f64,
+}
+
+/// Disks and hemispheres (paper, section 4.1).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CoverageSettings {
+    /// Half-angle of the disk of a near frontal view, degrees.
+    pub theta0_deg: f64,
+    /// Up to this distance the disk does not shrink, m.
+    pub full_disk_m: f64,
+    /// Distance over which the disk's half-angle falls by a factor e, m.
+    pub falloff_m: f64,
+    /// Views more oblique than this capture nothing, degrees from the normal.
+    pub max_incidence_deg: f64,
+    /// Views from farther away capture nothing, m.
+    pub range_m: f64,
+    /// A sample is captured when r exceeds this, percent (the paper's h).
+    pub threshold_percent: f64,
+    /// Share of the capturable samples that ends the search, percent (the paper's G).
+    pub goal_percent: f64,
+}
+
+/// Eq. 4 to 6 in scale-free units.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectiveSettings {
+    /// Weight of the efficiency term: alpha_e u = eta * L_ref.
+    pub eta: f64,
+    /// Weight of the turning term, model units per second.
+    pub alpha_t: f64,
+    /// Information of a scene of the reference area per percent of its mean r.
+    pub information_scale: f64,
+    /// Exposed area of the reference scene, m^2.
+    pub reference_area_m2: f64,
+    /// Path length on the reference scene, m.
+    pub reference_length_m: f64,
+    /// Eq. 5: time of a hairpin, s, and the coefficient of the squared deviation from it, s/rad^2.
+    pub turn_hairpin_s: f64,
+    pub turn_curvature_s: f64,
+}
+
+/// Algorithms 2 to 5.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SearchSettings {
+    /// Iterations K of the main loop.
+    pub iterations: u32,
+    /// Reconnections that one call of `Rewire_Tree` may make.
+    pub rewirings: u32,
+    /// Nodes that one call of `Rewire_Tree` may take from its queue.
+    pub rewire_pops: u32,
+    /// The root is rewired every so many iterations.
+    pub root_rewire_every: u32,
+    /// Neighbour radius as a share of the scene's horizontal diagonal, and its limits, m.
+    pub neighbour_share: f64,
+    pub neighbour_min_m: f64,
+    pub neighbour_max_m: f64,
+    /// Least distance of two images along an edge, m, and least time between them, s.
+    pub image_spacing_m: f64,
+    pub shutter_interval_s: f64,
+}
+
+/// The resident daemon.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DaemonSettings {
+    /// Name of the iceoryx2 domain: daemons of different domains do not see each other.
+    pub domain: String,
+    /// Fields of all scenes together may take this much shared memory, MB.
+    pub memory_budget_mb: u64,
+    /// Largest scene file that a client may send, MB.
+    pub max_scene_mb: u64,
+    /// Worker threads for searches; 0 takes as many as there are cores.
+    pub threads: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        toml::from_str(DEFAULT_TOML).expect("the embedded configuration is tested")
+    }
+}

@@ -25,6 +25,8 @@ pub mod write;
 pub mod edit;
 
 pub mod clearance;
+mod distance;
+pub mod free_space;
 
 pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle};

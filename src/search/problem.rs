@@ -7,8 +7,8 @@ use super::objective::Objective;
 use crate::camera::{Pose, Rig};
 use crate::coverage::{DiskModel, Information, Mask, SampleFrame};
 use crate::field::Lookup;
+use crate::field::Snapshot;
 use crate::scene::free_space::FreeSpace;
-use crate::session::Snapshot;
 use crate::settings::{SearchSettings, Settings};
 
 /// Why a search could not start or go on.

@@ -9,6 +9,9 @@ use super::report::ItemKind;
 /// Vertices closer than this are one, and edges that part by less than this are a spike, m.
 const SAME_POINT_M: f64 = 1e-3;
 
+/// Exchanged corners lengthen a ring by more than the rounding of its coordinates, m.
+const STEP_BACK_M: f64 = 0.01;
+
 /// Footprints and parts below this area are left out, m^2.
 const LEAST_AREA_M2: f64 = 0.01;
 
@@ -177,11 +180,28 @@ fn uncrossed(
         repairs.push((ItemKind::SelfIntersection, format!("a ring that crosses itself resolved into {} parts", swept.0.len())));
         return swept.orient(Direction::Default);
     }
+    if steps_back(ring.exterior()) {
+        let done = "a step runs back on itself, as if two corners were exchanged; left as it is";
+        repairs.push((ItemKind::SuspectOrder, done.into()));
+    }
     if (signed_m2 > 0.0) != (expected == Winding::CounterClockwise) {
         counts.reversed += 1;
     }
     // The sweep rounds to its grid, so a sound ring stays as it is.
     MultiPolygon(vec![ring.orient(Direction::Default)])
+}
+
+/// Whether exchanging two neighbouring corners would shorten a ring. Steps and bays of buildings are at their shortest as they
+/// are, so this is a sign of corners in the wrong order where the ring does not quite cross itself.
+fn steps_back(ring: &LineString<f64>) -> bool {
+    let corners = &ring.0[..ring.0.len().saturating_sub(1)];
+    let at = |index: usize| corners[index % corners.len()];
+    let distance = |a: Coord<f64>, b: Coord<f64>| libm::hypot(a.x - b.x, a.y - b.y);
+    corners.len() >= 4
+        && (0..corners.len()).any(|index| {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|step| at(index + step));
+            distance(a, b) + distance(c, d) - distance(a, c) - distance(b, d) > STEP_BACK_M
+        })
 }
 
 /// `body` without `hole`.
@@ -279,13 +299,9 @@ mod tests {
         let moved = |by: f64| SQUARE.map(|[x, y]| [x + by, y]);
         let cases: [(Vec<RawPolygon>, f64, Vec<ItemKind>); 11] = [
             (vec![vec![ring(&SQUARE[..4])]], 100.0, vec![ItemKind::OpenRing]),
+            (vec![vec![SQUARE.iter().rev().flat_map(|&corner| ring(&[corner])).collect()]], 100.0, vec![ItemKind::WrongWinding]),
             (
-                vec![vec![SQUARE.iter().rev().copied().collect::<Vec<_>>()].iter().map(|r| ring(r)).collect()],
-                100.0,
-                vec![ItemKind::WrongWinding],
-            ),
-            (
-                vec![vec![SQUARE.iter().flat_map(|&p| [p, p]).collect::<Vec<_>>()].iter().map(|r| ring(r)).collect()],
+                vec![vec![SQUARE.iter().flat_map(|&corner| ring(&[corner, corner])).collect()]],
                 100.0,
                 vec![ItemKind::DuplicateVertices],
             ),
@@ -309,6 +325,15 @@ mod tests {
         for (polygons, area_m2, kinds) in cases {
             assert_eq!(area_and_kinds(&polygons), (area_m2, kinds), "{polygons:?}");
         }
+    }
+
+    #[test]
+    fn exchanged_corners_show_even_where_nothing_crosses() {
+        let step = [[0.0, 0.0], [20.0, 0.0], [20.0, 10.0], [9.0, 10.0], [9.0, 10.5], [0.0, 10.5], [0.0, 0.0]];
+        assert_eq!(area_and_kinds(&[vec![ring(&step)]]).1, []);
+        let mut exchanged = step;
+        exchanged.swap(3, 4);
+        assert_eq!(area_and_kinds(&[vec![ring(&exchanged)]]).1, [ItemKind::SuspectOrder]);
     }
 
     #[test]

@@ -15,6 +15,7 @@ mod footprint;
 mod geojson;
 mod heights;
 mod locate;
+mod meshes;
 mod names;
 mod obj;
 mod orient;

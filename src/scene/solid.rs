@@ -118,7 +118,13 @@ fn flat_triangles(polygon: &Polygon<f64>) -> Vec<[[f64; 2]; 3]> {
     }
     let cut = polygon.earcut_triangles_raw();
     let corners = cut.triangle_indices.chunks_exact(3).map(|corner| [0, 1, 2].map(|i| cut.vertices[corner[i]]));
-    corners.map(|[a, b, c]| if cross(a, b, c) < 0.0 { [a, c, b] } else { [a, b, c] }).collect()
+    corners.filter_map(counter_clockwise).collect()
+}
+
+/// The triangle turned counter-clockwise; `None` when it has no area.
+fn counter_clockwise([a, b, c]: [[f64; 2]; 3]) -> Option<[[f64; 2]; 3]> {
+    let doubled_m2 = cross(a, b, c);
+    (doubled_m2.abs() > 1e-8).then_some(if doubled_m2 < 0.0 { [a, c, b] } else { [a, b, c] })
 }
 
 fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
@@ -131,8 +137,7 @@ fn shadow(triangles: &[Triangle]) -> MultiPolygon<f64> {
     let flat: Vec<_> = triangles
         .iter()
         .map(|corners| corners.map(|corner| [corner.x, corner.y]))
-        .filter(|&[a, b, c]| cross(a, b, c).abs() > 1e-6)
-        .map(|[a, b, c]| if cross(a, b, c) < 0.0 { [a, c, b] } else { [a, b, c] })
+        .filter_map(counter_clockwise)
         .map(|corners| Polygon::new(LineString::from(corners.to_vec()), Vec::new()))
         .collect();
     let mut united = geo::unary_union(&flat).orient(Direction::Default);

@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use geo::InteriorPoint;
+use nalgebra::Point3;
 use overfly::scene::{ImportReport, ItemKind, Place, ReportItem, Scene, Shape, read};
 use overfly::settings::{ProxySettings, Settings};
 
@@ -145,6 +147,27 @@ fn single_objects_in_local_metres() {
     if let Some((_, report)) = import("truss-bridge/truss_bridge_240m.obj") {
         assert!((report.tallest_m - 21.0).abs() < 0.5, "{}", report.tallest_m);
         assert!((report.extent_m[0] - 244.0).abs() < 5.0, "{:?}", report.extent_m);
+    }
+}
+
+/// Points well under the roofs are inside, points well over them are not, although the meshes are not watertight.
+#[test]
+fn real_meshes_tell_inside_from_outside() {
+    for path in
+        ["delfshaven/delfshaven.city.json", "delft-campus/3dbag_5910_lod22.city.json", "delft-ahn3/delft_lod1_terrain.city.json"]
+    {
+        let Some((scene, _)) = import(path) else { continue };
+        let mut inside = 0;
+        for structure in &scene.structures {
+            let bounds = structure.bounds();
+            let middle = structure.outlines().0[0].interior_point().expect("an outline has an inside");
+            let at = |share: f64| Point3::new(middle.x(), middle.y(), bounds.min.z + share * (bounds.max.z - bounds.min.z));
+            inside += usize::from(structure.contains(&at(0.2)));
+            assert!(!structure.contains(&at(1.01)), "{}", structure.name);
+        }
+        let share = inside as f64 / scene.structures.len() as f64;
+        println!("{path}: {:.1} % of the middles are inside", 100.0 * share);
+        assert!(share > 0.95);
     }
 }
 

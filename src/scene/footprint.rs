@@ -18,20 +18,28 @@ const LEAST_AREA_M2: f64 = 0.01;
 /// Areas agree within this share; the boolean operations work on a grid of about a billionth of the extent.
 const AREA_TOLERANCE: f64 = 1e-6;
 
+/// Footprints of more corners are left out: resolving the crossings of a hostile ring takes the square of its corners.
+const MOST_CORNERS: usize = 2000;
+
 /// A repair and what it did, in words.
 pub(crate) type Repair = (ItemKind, String);
 
 /// A polygon as it stands in a file: rings of corners, m, the exterior first, not yet known to be closed or free of crossings.
 pub(crate) type RawPolygon = Vec<Vec<Coord<f64>>>;
 
-/// A valid footprint of these polygons (exteriors counter-clockwise, holes clockwise, no crossings), or `None` when nothing with
-/// an area is left. Crossing lobes of an exterior ring all count as built (non-zero winding).
-pub(crate) fn repair(polygons: &[RawPolygon], repairs: &mut Vec<Repair>) -> Option<MultiPolygon<f64>> {
+/// A valid footprint of these polygons (exteriors counter-clockwise, holes clockwise, no crossings), or the reason why there is
+/// none. Crossing lobes of an exterior ring all count as built (non-zero winding).
+pub(crate) fn repair(polygons: &[RawPolygon], repairs: &mut Vec<Repair>) -> Result<MultiPolygon<f64>, String> {
+    let corners: usize = polygons.iter().flatten().map(Vec::len).sum();
+    if corners > MOST_CORNERS {
+        return Err(format!("its {corners} corners are more than {MOST_CORNERS}; simplify it"));
+    }
     let mut counts = RingCounts::default();
     let parts: Vec<_> = polygons.iter().filter_map(|rings| repair_polygon(rings, &mut counts, repairs)).collect();
     counts.tell(repairs);
+    let nothing = || "its rings enclose no area".to_owned();
     if parts.is_empty() {
-        return None;
+        return Err(nothing());
     }
     if parts.len() < polygons.len() {
         repairs.push((
@@ -40,11 +48,11 @@ pub(crate) fn repair(polygons: &[RawPolygon], repairs: &mut Vec<Repair>) -> Opti
         ));
     }
     let footprint = unite(parts, repairs);
-    (!footprint.0.is_empty()).then_some(footprint)
+    if footprint.0.is_empty() { Err(nothing()) } else { Ok(footprint) }
 }
 
 /// The footprint cleaned as by [`repair`], for rings whose closing vertex is repeated.
-pub(crate) fn repair_closed(polygons: &[Polygon<f64>], repairs: &mut Vec<Repair>) -> Option<MultiPolygon<f64>> {
+pub(crate) fn repair_closed(polygons: &[Polygon<f64>], repairs: &mut Vec<Repair>) -> Result<MultiPolygon<f64>, String> {
     let raw: Vec<RawPolygon> = polygons
         .iter()
         .map(|polygon| std::iter::once(polygon.exterior()).chain(polygon.interiors()).map(|ring| ring.0.clone()).collect())
@@ -107,23 +115,22 @@ fn clean_ring(ring: &[Coord<f64>], counts: &mut RingCounts) -> Option<Vec<Coord<
         push_corner(&mut kept, corner, counts);
     }
     // The seam: what was said of neighbours holds across the ends of the list too.
-    while kept.len() >= 3 {
-        let (first, second) = (kept[0], kept[1]);
-        let (last, before) = (kept[kept.len() - 1], kept[kept.len() - 2]);
-        if near(first, last) {
+    let mut seam = &kept[..];
+    while let [first, second, .., before, last] | [first, second @ before, last] = seam {
+        if near(*first, *last) {
             counts.duplicates += 1;
-            kept.pop();
-        } else if is_spike(before, last, first) {
+            seam = &seam[..seam.len() - 1];
+        } else if is_spike(*before, *last, *first) {
             counts.spikes += 1;
-            kept.pop();
-        } else if is_spike(last, first, second) {
+            seam = &seam[..seam.len() - 1];
+        } else if is_spike(*last, *first, *second) {
             counts.spikes += 1;
-            kept.remove(0);
+            seam = &seam[1..];
         } else {
             break;
         }
     }
-    (kept.len() >= 3).then_some(kept)
+    (seam.len() >= 3).then(|| seam.to_vec())
 }
 
 fn push_corner(kept: &mut Vec<Coord<f64>>, corner: Coord<f64>, counts: &mut RingCounts) {
@@ -272,7 +279,7 @@ mod tests {
 
     const SQUARE: [[f64; 2]; 5] = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0], [0.0, 0.0]];
 
-    fn repaired(polygons: &[RawPolygon]) -> (Option<MultiPolygon<f64>>, Vec<ItemKind>) {
+    fn repaired(polygons: &[RawPolygon]) -> (Result<MultiPolygon<f64>, String>, Vec<ItemKind>) {
         let mut repairs = Vec::new();
         let footprint = repair(polygons, &mut repairs);
         (footprint, repairs.into_iter().map(|(kind, _)| kind).collect())
@@ -339,9 +346,24 @@ mod tests {
     #[test]
     fn nothing_is_left_of_rings_without_area() {
         for corners in [&[[1.0, 1.0]; 4][..], &[[0.0, 0.0], [9.0, 3.0], [0.0, 0.0], [0.0, 0.0]], &[], &[[0.0, 0.0], [5.0, 0.0]]] {
-            assert_eq!(repaired(&[vec![ring(corners)]]).0, None, "{corners:?}");
+            assert!(repaired(&[vec![ring(corners)]]).0.is_err(), "{corners:?}");
         }
-        assert_eq!(repaired(&[vec![]]).0, None);
+        assert!(repaired(&[vec![]]).0.is_err());
+    }
+
+    /// Thousands of corners that cross each other everywhere: the worst that is let in, and one corner more.
+    #[test]
+    fn a_hostile_ring_ends() {
+        let scatter = |count: usize| -> Vec<Coord<f64>> {
+            let hash = |index: usize| {
+                (index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(31).wrapping_mul(0xbf58_476d_1ce4_e5b9)
+            };
+            (0..count)
+                .map(|index| coord! { x: (hash(index) >> 40) as f64 / 1e4, y: (hash(index) << 24 >> 40) as f64 / 1e4 })
+                .collect()
+        };
+        assert!(repaired(&[vec![scatter(MOST_CORNERS)]]).0.is_ok());
+        assert!(repaired(&[vec![scatter(MOST_CORNERS + 1)]]).0.unwrap_err().contains("simplify"));
     }
 
     proptest! {
@@ -351,12 +373,12 @@ mod tests {
         ) {
             let polygon: RawPolygon = rings.iter().map(|r| r.iter().map(|&(x, y)| coord! { x: f64::from(x), y: f64::from(y) }).collect()).collect();
             let mut repairs = Vec::new();
-            if let Some(footprint) = repair(&[polygon], &mut repairs) {
+            if let Ok(footprint) = repair(&[polygon], &mut repairs) {
                 prop_assert!(footprint.is_valid(), "{footprint:?}");
                 prop_assert!(footprint.signed_area() >= LEAST_AREA_M2);
                 let mut again = Vec::new();
                 let second = repair_closed(&footprint.0, &mut again);
-                prop_assert!((second.map_or(0.0, |s| s.unsigned_area()) - footprint.unsigned_area()).abs() < 1e-3);
+                prop_assert!((second.map_or(0.0, |s: MultiPolygon<f64>| s.unsigned_area()) - footprint.unsigned_area()).abs() < 1e-3);
             }
         }
     }

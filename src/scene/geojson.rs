@@ -234,9 +234,9 @@ impl<'a> Builder<'a> {
             Location::OffEarth => return Err((ItemKind::Outlier, "its coordinates are no longitude and latitude".into())),
         }
         let polygons = self.project(feature, location == Location::Swapped);
-        let footprint = footprint::repair(&polygons, repairs).ok_or_else(|| {
+        let footprint = footprint::repair(&polygons, repairs).map_err(|reason| {
             let nothing = feature.polygons.iter().all(Vec::is_empty);
-            (ItemKind::NoGeometry, if nothing { feature.missing.clone() } else { "its rings enclose no area".into() })
+            (ItemKind::NoGeometry, if nothing { feature.missing.clone() } else { reason })
         })?;
         if feature.is_zone() { self.add_zone(feature, footprint) } else { self.add_structure(feature, footprint, repairs) }
     }

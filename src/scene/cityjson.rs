@@ -1,7 +1,7 @@
 //! CityJSON 1.0, 1.1 and 2.0: buildings, bridges and other constructions at their highest level of detail.
 //!
 //! A Building with its parts and installations is one structure, named by the Building. Only the outer shell of a solid is taken.
-//! The ground plane is the median of the structures' lowest points. Where the reference system is known, the grid is turned to true
+//! Walls that the file leaves out between terraced houses are filled in, so that a house has an inside. The ground plane is the median of the structures' lowest points. Where the reference system is known, the grid is turned to true
 //! north and scaled to true metres, so that the local frame is east-north-up at the middle of the scene.
 
 use std::collections::BTreeMap;
@@ -10,6 +10,7 @@ use nalgebra::Point3;
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::close;
 use super::crs::{self, Placement, Unplaced};
 use super::faces;
 use super::meshes::{self, RawMesh};
@@ -89,6 +90,12 @@ pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result
     }
     meshes::drop_strays(&mut meshes, settings.max_extent_m, &mut report);
     let frame = to_local(file, &model, &mut meshes, &mut report)?;
+    for mesh in &mut meshes {
+        let walls = close::close_walls(&mut mesh.triangles);
+        if walls > 0 {
+            report.add(&mesh.name, mesh.place.clone(), ItemKind::WallsClosed, format!("{walls} missing walls filled in"));
+        }
+    }
     let structures = meshes::structures(meshes, &mut report);
     if structures.is_empty() {
         return Err(ImportError::NoStructures { file: file.into(), objects, first: report.first_item() });

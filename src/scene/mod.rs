@@ -9,6 +9,7 @@ pub mod read;
 pub mod report;
 
 mod cityjson;
+mod close;
 mod crs;
 mod faces;
 mod footprint;

@@ -60,7 +60,8 @@ fn root(roots: &mut [usize], mut vertex: usize) -> usize {
     vertex
 }
 
-fn weld(triangles: &[Triangle]) -> Vec<[usize; 3]> {
+/// The corners of the triangles by number, the same number for corners at one place.
+pub(crate) fn weld(triangles: &[Triangle]) -> Vec<[usize; 3]> {
     let mut numbers: HashMap<[i64; 3], usize> = HashMap::new();
     let mut number = |point: &Point3<f64>| {
         let next = numbers.len();

@@ -108,6 +108,8 @@ pub enum ItemKind {
     NoGeometry,
     /// Faces without area, or of fewer than three vertices.
     DegenerateFaces,
+    /// Walls that the file leaves out, as between terraced houses.
+    WallsClosed,
     /// Faces turned outwards.
     FacesTurned,
     /// A zone that cannot be used.
@@ -201,6 +203,7 @@ impl fmt::Display for ItemKind {
             Self::Renamed => "renamed",
             Self::NoGeometry => "without usable geometry",
             Self::DegenerateFaces => "with degenerate faces",
+            Self::WallsClosed => "with missing walls filled in",
             Self::FacesTurned => "with faces turned outwards",
             Self::ZoneDropped => "unusable zones",
         })

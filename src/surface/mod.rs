@@ -117,16 +117,21 @@ fn outward_normals(
     front.then_some(normal).into_iter().chain(back.then_some(-normal))
 }
 
-fn is_exposed(sample: &Sample, neighbours: &[&Arc<Structure>], offset_m: f64) -> bool {
+fn is_exposed(sample: &Sample, neighbours: &[(Bounds, &Structure)], offset_m: f64) -> bool {
     let in_front = sample.position + sample.normal * offset_m;
-    in_front.z > 0.0 && !neighbours.iter().any(|neighbour| neighbour.contains(&in_front))
+    let buried = |(bounds, neighbour): &(Bounds, &Structure)| bounds.contains(&in_front) && neighbour.contains(&in_front);
+    in_front.z > 0.0 && !neighbours.iter().any(buried)
 }
 
-fn neighbours<'a>(scene: &'a Scene, bounds: &[Bounds], index: usize, reach_m: f64) -> Vec<&'a Arc<Structure>> {
+/// The structures whose boxes come near that of structure `index`, with their boxes.
+fn neighbours<'a>(scene: &'a Scene, bounds: &[Bounds], index: usize, reach_m: f64) -> Vec<(Bounds, &'a Structure)> {
     let own = &bounds[index];
     let near = |other: &Bounds| (0..3).all(|i| other.min[i] - reach_m <= own.max[i] && own.min[i] - reach_m <= other.max[i]);
-    let others = scene.structures.iter().zip(bounds).enumerate();
-    others.filter(|(i, (_, other))| *i != index && near(other)).map(|(_, (structure, _))| structure).collect()
+    let others = bounds.iter().zip(&scene.structures).enumerate();
+    others
+        .filter(|(i, (other, _))| *i != index && near(other))
+        .map(|(_, (other, structure))| (*other, structure.as_ref()))
+        .collect()
 }
 
 /// Small triangles of the surface in sampling order.

@@ -138,7 +138,8 @@ impl Client {
                 match self.link.step(&mut exchange, LOOK_AGAIN)? {
                     Some(Reply::Planned { .. }) => return self.published(&edited.scene, edited.correlation),
                     Some(Reply::Progress(note)) => on_progress(&note),
-                    Some(Reply::Acknowledged) | None => {}
+                    // The answer to the edit itself may be repeated.
+                    Some(Reply::Acknowledged | Reply::Edited { .. }) | None => {}
                     Some(other) => return Err(unexpected(&other)),
                 }
                 if let Some(plan) = self.take_plan(edited.correlation)? {
@@ -186,9 +187,17 @@ impl Client {
         self.done(&Request::Reload)
     }
 
-    /// Ends the daemon.
+    /// Ends the daemon and returns when it has left the domain.
     pub fn stop(&self) -> Result<(), ClientError> {
-        self.done(&Request::Stop)
+        self.done(&Request::Stop)?;
+        let asked = Instant::now();
+        while self.link.domain.is_locked() {
+            if asked.elapsed() > PATIENCE {
+                return Err(ClientError::Timeout { what: "the end of the daemon".into(), seconds: PATIENCE.as_secs_f64() });
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        Ok(())
     }
 
     /// Time from a request to its acknowledgement.

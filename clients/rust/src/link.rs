@@ -45,7 +45,7 @@ impl Presence {
 impl Drop for Presence {
     fn drop(&mut self) {
         self.node = None;
-        if !self.domain.seems_served() {
+        if !self.domain.is_locked() {
             self.domain.sweep_if_deserted();
         }
     }
@@ -68,6 +68,8 @@ pub(crate) struct Link {
 /// A request that was sent and waits for its replies.
 pub(crate) struct Exchange<'a> {
     pub(crate) correlation: u64,
+    /// The earlier request that this one asks about: replies to it are heard too.
+    about: Option<u64>,
     request: &'a Request,
     bulk: &'a [u8],
     acknowledged: bool,
@@ -139,16 +141,17 @@ impl Link {
         self.next_correlation.set(correlation + 1);
         let now = Instant::now();
         self.send(correlation, request, bulk)?;
-        Ok(Exchange { correlation, request, bulk, acknowledged: false, sent: now, heard: now, patience })
+        let about = if let Request::Outcome { correlation } = request { Some(*correlation) } else { None };
+        Ok(Exchange { correlation, about, request, bulk, acknowledged: false, sent: now, heard: now, patience })
     }
 
     /// One reply to `exchange` when there is one within `wait`; sends the request again when the daemon is silent.
     pub(crate) fn step(&self, exchange: &mut Exchange<'_>, wait: Duration) -> Result<Option<Reply>, ClientError> {
-        if let Some(reply) = self.reply_to(exchange.correlation)? {
+        if let Some(reply) = self.reply_to(exchange)? {
             return self.hear(exchange, reply).map(Some);
         }
         let _ = self.wait_for_news(wait);
-        if let Some(reply) = self.reply_to(exchange.correlation)? {
+        if let Some(reply) = self.reply_to(exchange)? {
             return self.hear(exchange, reply).map(Some);
         }
         let now = Instant::now();
@@ -185,13 +188,14 @@ impl Link {
         }
     }
 
-    /// The next reply with this correlation; replies to earlier requests, which nobody waits for any more, are dropped.
-    fn reply_to(&self, correlation: u64) -> Result<Option<Reply>, ClientError> {
+    /// The next reply to `exchange`; replies to earlier requests, which nobody waits for any more, are dropped.
+    fn reply_to(&self, exchange: &Exchange<'_>) -> Result<Option<Reply>, ClientError> {
         loop {
             let received = self.replies.receive().map_err(|error| ClientError::Receive(format!("{error:?}")))?;
             let Some(sample) = received else { return Ok(None) };
             let header = *sample.user_header();
-            if header.client != self.id || header.correlation != correlation {
+            let wanted = header.correlation == exchange.correlation || Some(header.correlation) == exchange.about;
+            if header.client != self.id || !wanted {
                 continue;
             }
             let limits = Limits { body_bytes: codec::MAX_REPLY_BYTES, bulk_bytes: 0 };

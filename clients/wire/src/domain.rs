@@ -144,12 +144,15 @@ impl Domain {
     /// Whether anything may be served here: a daemon holds the lock, or there is no lock file but somebody (a network tunnel) has
     /// made the domain's directory.
     pub fn seems_served(&self) -> bool {
-        if !self.root.is_dir() {
-            return false;
-        }
-        let Ok(file) = File::open(self.root.join(LOCK_FILE)) else { return self.root.join("services").is_dir() };
+        let lock_file = self.root.join(LOCK_FILE).exists();
+        if lock_file { self.is_locked() } else { self.root.join("services").is_dir() }
+    }
+
+    /// Whether a daemon holds the domain's lock.
+    pub fn is_locked(&self) -> bool {
+        let Ok(file) = File::open(self.root.join(LOCK_FILE)) else { return false };
         // The lock is taken together with other readers and given back at once; a starting daemon waits for that.
-        flock(&file, FlockOperation::NonBlockingLockShared).is_err()
+        flock(&file, FlockOperation::NonBlockingLockShared) == Err(rustix::io::Errno::WOULDBLOCK)
     }
 
     /// Removes what is left of the domain when neither a daemon nor a client lives in it. The last one to leave calls this.

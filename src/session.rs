@@ -1,24 +1,38 @@
 //! All derived state of one scene. The daemon owns a [`Session`] and is the only one that changes it; everybody else works on
 //! immutable [`Snapshot`]s.
+//!
+//! The field settings are pinned when a scene is loaded (origin, lattice, both spacings, reference area, neighbour radius), and
+//! everything derived is local, so that the field of an edited scene is the same, bit for bit, however it came about.
 
 use std::sync::Arc;
 
-use overfly_table::{Block, FieldTable};
+use nalgebra::Point3;
+use overfly_table::field::{FieldCounts, FieldFacts};
+use overfly_table::{Block, FieldTable, LayoutError};
 
+use crate::coverage::{CELLS, DiskModel, threshold_cells};
+use crate::field::{self, FieldInputs, Lattice, Lookup, Viewpoint};
 use crate::planner::StopToken;
 use crate::scene::Scene;
 use crate::scene::edit::{DirtyRegion, Edit, EditError};
+use crate::scene::free_space::FreeSpace;
 use crate::settings::Settings;
+use crate::surface::{self, Sample, Sampling};
 
 /// Why no field can be built of a scene.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FieldError {
     #[error("the computation was stopped")]
     Stopped,
-    #[error("the scene {scene:?} has no surface that can be sampled")]
+    #[error("the scene {scene:?} has no surface that could be seen from outside; check its heights and its outlines")]
     NoSurface { scene: String },
-    #[error("the scene {scene:?} leaves no free space within the flight limits: {hint}")]
-    NoFreeSpace { scene: String, hint: String },
+    #[error(
+        "the scene {scene:?} leaves no free space between {safety_m} m and {shell_m} m from its surfaces, at altitudes from {low_m:.0} m to \
+         {high_m:.0} m and outside of its no-fly zones; lower `flight.safety_distance_m` or widen the altitude limits"
+    )]
+    NoFreeSpace { scene: String, safety_m: f64, shell_m: f64, low_m: f64, high_m: f64 },
+    #[error("the table is not the field of this scene: {0}")]
+    Layout(#[from] LayoutError),
 }
 
 /// A scene with its revision and the field settings that were pinned when it was loaded.
@@ -27,12 +41,30 @@ pub struct Session {
     scene: Arc<Scene>,
     revision: u64,
     settings: Arc<Settings>,
+    disks: Arc<DiskModel>,
+    pins: Pins,
+}
+
+/// What an edit must not change, so that samples and viewpoints away from the edit stay where they are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pins {
+    sampling: Sampling,
+    lattice: Lattice,
+    reference_area_m2: f64,
+    neighbour_radius_m: f64,
 }
 
 impl Session {
-    /// Pins lattice, spacings and units for `scene`; revision 1. This samples the whole scene once (tens of milliseconds).
-    pub fn new(_scene: Scene, _settings: Arc<Settings>, _stop: &StopToken) -> Result<Self, FieldError> {
-        unimplemented!("core")
+    /// Pins lattice, spacings and units for `scene`; revision 1. This samples the whole scene (tens of milliseconds).
+    pub fn new(scene: Scene, settings: Arc<Settings>, stop: &StopToken) -> Result<Self, FieldError> {
+        let pins = Pins::choose(&scene, &settings, stop)?;
+        let disks = Arc::new(DiskModel::new(&settings.coverage));
+        Ok(Self { scene: Arc::new(scene), revision: 1, settings, disks, pins })
+    }
+
+    /// A session of another scene under the same pinned settings: what a rebuild from the edited scene means.
+    pub fn with_scene(&self, scene: Scene, revision: u64) -> Self {
+        Self { scene: Arc::new(scene), revision, ..self.clone() }
     }
 
     pub fn scene(&self) -> &Arc<Scene> {
@@ -56,30 +88,165 @@ impl Session {
     }
 
     /// Samples, viewpoints and clearance of the current revision: all that is needed to size the field's table.
-    pub fn survey(&self, _stop: &StopToken) -> Result<Survey, FieldError> {
-        unimplemented!("core")
+    pub fn survey(&self, stop: &StopToken) -> Result<Survey, FieldError> {
+        let free = FreeSpace::new(&self.scene, &self.settings.flight);
+        check(stop)?;
+        let samples = surface::sample_scene(&self.scene, &self.pins.sampling);
+        if !samples.iter().any(|sample| sample.exposed) {
+            return Err(FieldError::NoSurface { scene: self.scene.name.clone() });
+        }
+        check(stop)?;
+        let viewpoints = field::fill(&free, &self.pins.lattice);
+        if viewpoints.is_empty() {
+            return Err(no_free_space(&self.scene, &free, &self.pins.lattice));
+        }
+        check(stop)?;
+        Ok(Survey {
+            scene: Arc::clone(&self.scene),
+            revision: self.revision,
+            counts: field::counts(&self.scene, samples.len(), viewpoints.len()),
+            facts: self.facts(),
+            offset_m: self.pins.sampling.offset_m,
+            disks: Arc::clone(&self.disks),
+            free: Arc::new(free),
+            samples,
+            viewpoints,
+        })
     }
+
+    fn facts(&self) -> FieldFacts {
+        let [min, max] = self.scene.bounds().map_or([[0.0; 3]; 2], |b| [b.min.coords.into(), b.max.coords.into()]);
+        let origin = self.scene.frame.origin;
+        FieldFacts {
+            revision: self.revision,
+            settings_hash: self.settings.field_hash(),
+            lattice_spacing_m: self.pins.lattice.spacing_m,
+            sample_spacing_m: self.pins.sampling.spacing_m,
+            reference_area_m2: self.pins.reference_area_m2,
+            neighbour_radius_m: self.pins.neighbour_radius_m,
+            range_m: self.settings.coverage.range_m,
+            hemisphere_cells: CELLS as u32,
+            threshold_cells: threshold_cells(self.settings.coverage.threshold_percent),
+            min_m: min,
+            max_m: max,
+            origin_lat_deg: origin.map_or(0.0, |o| o.lat_deg),
+            origin_lon_deg: origin.map_or(0.0, |o| o.lon_deg),
+            origin_alt_m: origin.map_or(0.0, |o| o.alt_m),
+            georeferenced: u64::from(origin.is_some()),
+        }
+    }
+}
+
+impl Pins {
+    fn choose(scene: &Scene, settings: &Settings, stop: &StopToken) -> Result<Self, FieldError> {
+        let free = FreeSpace::new(scene, &settings.flight);
+        check(stop)?;
+        let surface = &settings.surface;
+        let spacing_m = surface::choose_spacing_m(scene, surface.samples, surface.seed, surface.exposure_offset_m)
+            .ok_or_else(|| FieldError::NoSurface { scene: scene.name.clone() })?;
+        let sampling = Sampling { spacing_m, seed: surface.seed, offset_m: surface.exposure_offset_m };
+        check(stop)?;
+        let coarsest = Lattice {
+            origin: Point3::new(free.limits.min.x, free.limits.min.y, 0.0),
+            spacing_m: settings.field.max_spacing_m,
+            shell_m: settings.field.shell_m,
+            seed: surface.seed,
+        };
+        let lattice = Lattice { spacing_m: field::choose_spacing_m(&free, &coarsest, settings.field.viewpoints), ..coarsest };
+        if lattice.spacing_m <= 0.0 {
+            return Err(no_free_space(scene, &free, &coarsest));
+        }
+        let exposed = |sample: &Sample| if sample.exposed { sample.area_mm2 } else { 0 };
+        let area_mm2: u64 = surface::sample_scene(scene, &sampling).iter().map(exposed).sum();
+        Ok(Self {
+            sampling,
+            lattice,
+            reference_area_m2: area_mm2 as f64 / 1e6,
+            neighbour_radius_m: neighbour_radius_m(scene, settings),
+        })
+    }
+}
+
+/// "A radius of 10 % scene size" (Algorithm 4), within limits; the scene's size is its horizontal diagonal, m.
+fn neighbour_radius_m(scene: &Scene, settings: &Settings) -> f64 {
+    let diagonal = scene.bounds().map_or(0.0, |bounds| (bounds.max - bounds.min).xy().norm());
+    let search = &settings.search;
+    (search.neighbour_share * diagonal).max(search.neighbour_min_m).min(search.neighbour_max_m)
+}
+
+fn no_free_space(scene: &Scene, free: &FreeSpace, lattice: &Lattice) -> FieldError {
+    FieldError::NoFreeSpace {
+        scene: scene.name.clone(),
+        safety_m: free.safety_distance_m,
+        shell_m: lattice.shell_m,
+        low_m: free.limits.min.z,
+        high_m: free.limits.max.z,
+    }
+}
+
+fn check(stop: &StopToken) -> Result<(), FieldError> {
+    if stop.is_stopped() { Err(FieldError::Stopped) } else { Ok(()) }
 }
 
 /// Everything about a field but its visibility.
 #[derive(Debug)]
-pub struct Survey {}
+pub struct Survey {
+    scene: Arc<Scene>,
+    revision: u64,
+    facts: FieldFacts,
+    counts: FieldCounts,
+    free: Arc<FreeSpace>,
+    disks: Arc<DiskModel>,
+    samples: Vec<Sample>,
+    viewpoints: Vec<Viewpoint>,
+    offset_m: f64,
+}
 
 impl Survey {
     /// Size of the field's table in blocks.
     pub fn blocks(&self) -> usize {
-        unimplemented!("core")
+        self.counts.blocks()
+    }
+
+    pub fn counts(&self) -> &FieldCounts {
+        &self.counts
     }
 
     /// Builds the field in place (Algorithm 1), in parallel over viewpoints. `blocks` is exactly [`Survey::blocks`] long; what it
     /// held is overwritten. When stopped the blocks hold nothing of use.
-    pub fn build(&self, _blocks: &mut [Block], _stop: &StopToken) -> Result<(), FieldError> {
-        unimplemented!("core")
+    pub fn build(&self, blocks: &mut [Block], stop: &StopToken) -> Result<(), FieldError> {
+        let inputs = FieldInputs {
+            scene: &self.scene,
+            clearance: &self.free.clearance,
+            samples: &self.samples,
+            viewpoints: &self.viewpoints,
+            disks: &self.disks,
+            facts: self.facts,
+            offset_m: self.offset_m,
+        };
+        field::build(&inputs, &self.counts, blocks, stop).ok_or(FieldError::Stopped)
     }
 
     /// The snapshot over a table that [`Survey::build`] has filled.
-    pub fn snapshot(self, _field: Arc<dyn FieldStorage>) -> Snapshot {
-        unimplemented!("core")
+    pub fn snapshot(self, field: Arc<dyn FieldStorage>) -> Result<Snapshot, FieldError> {
+        let table = FieldTable::open(field.blocks())?;
+        let lookup = Lookup::new(table.viewpoints).ok_or_else(|| FieldError::NoSurface { scene: self.scene.name.clone() })?;
+        Ok(Snapshot {
+            scene: self.scene,
+            revision: self.revision,
+            free: self.free,
+            disks: self.disks,
+            lookup: Arc::new(lookup),
+            offset_m: self.offset_m,
+            field,
+        })
+    }
+
+    /// Builds the field in memory of its own.
+    pub fn into_snapshot(self, stop: &StopToken) -> Result<Snapshot, FieldError> {
+        let mut blocks = vec![Block::ZERO; self.blocks()];
+        self.build(&mut blocks, stop)?;
+        self.snapshot(Arc::new(blocks))
     }
 }
 
@@ -99,11 +266,21 @@ impl FieldStorage for Vec<Block> {
 pub struct Snapshot {
     pub scene: Arc<Scene>,
     pub revision: u64,
+    pub free: Arc<FreeSpace>,
+    pub disks: Arc<DiskModel>,
+    pub lookup: Arc<Lookup>,
+    /// How far in front of a sample a line of sight ends, m.
+    pub offset_m: f64,
     field: Arc<dyn FieldStorage>,
 }
 
 impl Snapshot {
     pub fn field(&self) -> FieldTable<'_> {
-        FieldTable::open(self.field.blocks()).expect("the survey built this table")
+        FieldTable::open(self.field.blocks()).expect("the table was opened when the snapshot was made and nobody writes to it")
+    }
+
+    /// The memory that holds the field.
+    pub fn storage(&self) -> &Arc<dyn FieldStorage> {
+        &self.field
     }
 }

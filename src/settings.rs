@@ -166,3 +166,11 @@ impl Default for Settings {
         toml::from_str(DEFAULT_TOML).expect("the embedded configuration is tested")
     }
 }
+
+impl Settings {
+    /// Fingerprint of everything that a field depends on beside its scene: a cached field of other settings is not used.
+    pub fn field_hash(&self) -> u64 {
+        let text = format!("{:?} {:?} {:?} {:?}", self.surface, self.flight, self.field, self.coverage);
+        crate::scene::StructureId::of_name(&text).0
+    }
+}

@@ -1,1 +1,13 @@
-//! Room to be filled.
+//! The view information field (paper, section 4.3): which samples can be seen from where.
+//!
+//! The field stores visibility alone, one bit for a viewpoint and a sample. Disks and, for directed cameras, the frustum are
+//! computed exactly at the queried pose: masks interpolated between viewpoints would be wrong by 3 to 6 points of r, visibility of
+//! the nearest viewpoint by 1.6.
+
+mod build;
+mod lookup;
+mod viewpoints;
+
+pub use build::{FieldInputs, build, counts};
+pub use lookup::Lookup;
+pub use viewpoints::{Lattice, Viewpoint, choose_spacing_m, fill};

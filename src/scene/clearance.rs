@@ -1,1 +1,170 @@
 //! Distances and lines of sight to the surfaces of a scene.
+//!
+//! The only user of parry3d: its bounding volume hierarchy finds the candidate triangles, [`super::distance`] decides. The boxes
+//! are single precision and a little too large, the decisions are double precision, so that every answer is exact and depends on
+//! the triangles alone, not on how the tree happens to be built.
+
+use nalgebra::{Point3, Vector3};
+use parry3d::bounding_volume::Aabb;
+use parry3d::math::Vector;
+use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode, TraversalAction};
+
+use super::distance::{point_triangle_squared, segment_hits_triangle, segment_triangle_squared};
+use super::proxy::{Scene, Triangle};
+
+/// All triangles of a scene, ready for queries. Built in milliseconds; never changes.
+#[derive(Debug)]
+pub struct Clearance {
+    bvh: Bvh,
+    triangles: Vec<Triangle>,
+}
+
+impl Clearance {
+    pub fn new(scene: &Scene) -> Self {
+        Self::of_triangles(scene.structures.iter().flat_map(|structure| structure.triangles()).collect())
+    }
+
+    pub fn of_triangles(triangles: Vec<Triangle>) -> Self {
+        let boxes: Vec<Aabb> = triangles.iter().map(outer_box).collect();
+        Self { bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles }
+    }
+
+    /// Whether a triangle lies between `a` and `b`, the end points excluded.
+    pub fn occluded(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        let direction = b - a;
+        let inverse = direction.map(|d| 1.0 / d);
+        self.any(|node| segment_meets_box(a, &inverse, node, 0.0), |triangle| segment_hits_triangle(a, &direction, triangle))
+    }
+
+    /// Whether the whole segment keeps at least `distance_m` from every triangle.
+    pub fn keeps_distance(&self, a: &Point3<f64>, b: &Point3<f64>, distance_m: f64) -> bool {
+        let inverse = (b - a).map(|d| 1.0 / d);
+        let squared = distance_m * distance_m;
+        !self.any(
+            |node| segment_meets_box(a, &inverse, node, distance_m),
+            |triangle| segment_triangle_squared(a, b, triangle) < squared,
+        )
+    }
+
+    /// Distance of `p` to the nearest triangle, m; `cap_m` when that is farther.
+    pub fn point_distance_m(&self, p: &Point3<f64>, cap_m: f64) -> f64 {
+        self.least(cap_m, |node| box_distance_squared(p, node), |triangle| point_triangle_squared(p, triangle))
+    }
+
+    /// Distance of the segment to the nearest triangle, m; `cap_m` when that is farther.
+    pub fn segment_distance_m(&self, a: &Point3<f64>, b: &Point3<f64>, cap_m: f64) -> f64 {
+        let inverse = (b - a).map(|d| 1.0 / d);
+        // The slab test gives no distance, so a box counts as near when the segment meets it grown by the cap.
+        self.least(
+            cap_m,
+            |node| if segment_meets_box(a, &inverse, node, cap_m) { 0.0 } else { f64::INFINITY },
+            |triangle| segment_triangle_squared(a, b, triangle),
+        )
+    }
+
+    fn any(&self, meets: impl Fn(&BvhNode) -> bool, hits: impl Fn(&Triangle) -> bool) -> bool {
+        let mut found = false;
+        self.bvh.traverse(|node| {
+            if !meets(node) {
+                return TraversalAction::Prune;
+            }
+            if let Some(leaf) = node.leaf_data()
+                && hits(&self.triangles[leaf as usize])
+            {
+                found = true;
+                return TraversalAction::EarlyExit;
+            }
+            TraversalAction::Continue
+        });
+        found
+    }
+
+    fn least(&self, cap_m: f64, bound: impl Fn(&BvhNode) -> f64, exact: impl Fn(&Triangle) -> f64) -> f64 {
+        let mut best = cap_m * cap_m;
+        self.bvh.traverse(|node| {
+            if bound(node) >= best {
+                return TraversalAction::Prune;
+            }
+            if let Some(leaf) = node.leaf_data() {
+                best = best.min(exact(&self.triangles[leaf as usize]));
+            }
+            TraversalAction::Continue
+        });
+        best.sqrt()
+    }
+}
+
+/// The box of a triangle in single precision, grown so that rounding can never cut anything off.
+fn outer_box(triangle: &Triangle) -> Aabb {
+    let [a, b, c] = triangle;
+    let grow = |v: f64| 1e-3 + v.abs() * 2e-7;
+    let low = a.coords.inf(&b.coords).inf(&c.coords).map(|v| (v - grow(v)) as f32);
+    let high = a.coords.sup(&b.coords).sup(&c.coords).map(|v| (v + grow(v)) as f32);
+    Aabb::new(Vector::new(low.x, low.y, low.z), Vector::new(high.x, high.y, high.z))
+}
+
+/// Slab test of the segment that starts at `a` and runs for `1 / inverse`, against the node's box grown by `margin_m`.
+fn segment_meets_box(a: &Point3<f64>, inverse: &Vector3<f64>, node: &BvhNode, margin_m: f64) -> bool {
+    let (low, high) = (node.mins(), node.maxs());
+    let (mut enter, mut leave) = (0.0f64, 1.0f64);
+    for (from, inverse, low, high) in
+        [(a.x, inverse.x, low.x, high.x), (a.y, inverse.y, low.y, high.y), (a.z, inverse.z, low.z, high.z)]
+    {
+        let low = (f64::from(low) - margin_m - from) * inverse;
+        let high = (f64::from(high) + margin_m - from) * inverse;
+        // A segment exactly within a face of the grown box gives 0 * infinity and may be pruned: the triangle is farther away
+        // than the growth.
+        enter = enter.max(low.min(high));
+        leave = leave.min(low.max(high));
+    }
+    enter <= leave
+}
+
+fn box_distance_squared(p: &Point3<f64>, node: &BvhNode) -> f64 {
+    let (low, high) = (node.mins(), node.maxs());
+    let outside = |v: f64, low: f32, high: f32| (f64::from(low) - v).max(v - f64::from(high)).max(0.0);
+    let (x, y, z) = (outside(p.x, low.x, high.x), outside(p.y, low.y, high.y), outside(p.z, low.z, high.z));
+    x * x + y * y + z * z
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn point() -> impl Strategy<Value = Point3<f64>> {
+        [-50.0..50.0f64, -50.0..50.0f64, 0.0..40.0f64].prop_map(|[x, y, z]| Point3::new(x, y, z))
+    }
+
+    fn small_triangle() -> impl Strategy<Value = Triangle> {
+        (point(), [-8.0..8.0f64, -8.0..8.0, -8.0..8.0, -8.0..8.0, -8.0..8.0, -8.0..8.0])
+            .prop_map(|(p, d)| [p, p + Vector3::new(d[0], d[1], d[2]), p + Vector3::new(d[3], d[4], d[5])])
+    }
+
+    proptest! {
+        #[test]
+        fn queries_agree_with_a_look_at_every_triangle(
+            triangles in proptest::collection::vec(small_triangle(), 0..60), a in point(), b in point(), cap in 0.5..60.0f64,
+        ) {
+            let clearance = Clearance::of_triangles(triangles.clone());
+            let direction = b - a;
+            prop_assert_eq!(clearance.occluded(&a, &b), triangles.iter().any(|t| segment_hits_triangle(&a, &direction, t)));
+            let nearest = triangles.iter().map(|t| segment_triangle_squared(&a, &b, t).sqrt()).fold(cap, f64::min);
+            prop_assert_eq!(clearance.segment_distance_m(&a, &b, cap), nearest);
+            let too_near = triangles.iter().any(|t| segment_triangle_squared(&a, &b, t) < cap * cap);
+            prop_assert_eq!(clearance.keeps_distance(&a, &b, cap), !too_near);
+            let to_point = triangles.iter().map(|t| point_triangle_squared(&a, t).sqrt()).fold(cap, f64::min);
+            prop_assert_eq!(clearance.point_distance_m(&a, cap), to_point);
+        }
+    }
+
+    #[test]
+    fn a_segment_within_the_plane_of_a_box_face_is_not_lost() {
+        let triangle = [Point3::new(0.0, 0.0, 0.0), Point3::new(10.0, 0.0, 0.0), Point3::new(0.0, 10.0, 0.0)];
+        let clearance = Clearance::of_triangles(vec![triangle]);
+        let (above, below) = (Point3::new(0.0, 2.0, 5.0), Point3::new(0.0, 2.0, -5.0));
+        assert!(clearance.occluded(&above, &below));
+        assert!(!clearance.keeps_distance(&above, &below, 1.0));
+    }
+}

@@ -1,7 +1,36 @@
 //! The scene room: readers by format, the proxy, its repairs, its edits and the distances to it.
+//!
+//! [`read()`] turns the bytes of a file into a [`Scene`] and an [`ImportReport`]; [`generate_block`] makes a scene from a seed.
+
+pub mod proxy;
+pub mod solid;
+
+pub mod read;
+pub mod report;
+
+mod cityjson;
+mod crs;
+mod faces;
+mod footprint;
+mod geojson;
+mod heights;
+mod locate;
+mod names;
+mod obj;
+mod orient;
+
+pub mod generate;
+pub mod write;
+
+pub mod edit;
 
 pub mod clearance;
-pub mod edit;
-pub mod proxy;
+mod distance;
+pub mod free_space;
 
+pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle};
+pub use read::{ImportError, read};
+pub use report::{ImportReport, ItemKind, Place, ReportItem};
+pub use solid::Bounds;
+pub use write::to_geojson;

@@ -1,1 +1,11 @@
-//! Room to be filled.
+//! The tree search for one continuous path (paper, section 5).
+
+pub mod objective;
+pub mod outcome;
+pub mod problem;
+mod rrt_star;
+mod tree;
+
+pub use outcome::Outcome;
+pub use problem::{Problem, SearchError};
+pub use rrt_star::search;

@@ -1,1 +1,197 @@
-//! Room to be filled.
+//! Surface samples (paper, section 4.1): points with normals and areas, structure by structure.
+//!
+//! The samples of a structure depend on that structure, the spacing and the seed alone, so that an edit elsewhere never moves
+//! them. Only [`Sample::exposed`] looks at the neighbours.
+
+use std::sync::Arc;
+
+use nalgebra::{Point3, Vector3};
+
+use crate::scene::{Bounds, Scene, Shape, Structure, Triangle};
+
+/// A point on a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    pub position: Point3<f64>,
+    /// Unit normal, outwards.
+    pub normal: Vector3<f64>,
+    /// Surface that the sample stands for, mm^2.
+    pub area_mm2: u64,
+    /// Index of the structure in the scene.
+    pub structure: u32,
+    /// Whether the sample lies on the outside of the scene, neither in a neighbour nor in the ground.
+    pub exposed: bool,
+}
+
+/// How the surface is sampled. Pinned when a scene is loaded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sampling {
+    /// One sample stands for the square of this, m.
+    pub spacing_m: f64,
+    pub seed: u64,
+    /// How far in front of a sample its surroundings are tested, m.
+    pub offset_m: f64,
+}
+
+/// The spacing at which about `target` samples are exposed, m; `None` when nothing of the scene is exposed.
+pub fn choose_spacing_m(scene: &Scene, target: u32, seed: u64, offset_m: f64) -> Option<f64> {
+    let area: f64 = scene.structures.iter().flat_map(|s| s.triangles()).map(|t| area_m2(&t)).sum();
+    let target = f64::from(target.max(1));
+    // A first pass over the whole surface tells which share of it is exposed; the number of samples goes with 1 / spacing^2.
+    let trial = Sampling { spacing_m: (area / target).sqrt(), seed, offset_m };
+    if !(trial.spacing_m > 0.0 && trial.spacing_m.is_finite()) {
+        return None;
+    }
+    let exposed = sample_scene(scene, &trial).iter().filter(|sample| sample.exposed).count();
+    (exposed > 0).then(|| trial.spacing_m * (exposed as f64 / target).sqrt())
+}
+
+/// All samples of the scene, in the order of its structures.
+pub fn sample_scene(scene: &Scene, sampling: &Sampling) -> Vec<Sample> {
+    let bounds: Vec<Bounds> = scene.structures.iter().map(|structure| structure.bounds()).collect();
+    let mut samples = Vec::new();
+    for (index, structure) in scene.structures.iter().enumerate() {
+        let neighbours = neighbours(scene, &bounds, index, sampling.offset_m);
+        samples.extend(sample_structure(structure, sampling).into_iter().map(|mut sample| {
+            sample.structure = index as u32;
+            sample.exposed = is_exposed(&sample, &neighbours, sampling.offset_m);
+            sample
+        }));
+    }
+    samples
+}
+
+/// The samples of one structure, all marked exposed.
+///
+/// The surface is cut into small triangles, these are put into an order in which neighbours follow one another (by facing, then
+/// along a space-filling curve), and every A/n of the summed area one of them is taken: an even spread without random clumps.
+pub fn sample_structure(structure: &Structure, sampling: &Sampling) -> Vec<Sample> {
+    let pieces = ordered_pieces(structure, sampling.spacing_m);
+    let area: f64 = pieces.iter().map(area_m2).sum();
+    if area <= 0.0 {
+        return Vec::new();
+    }
+    let count = (area / (sampling.spacing_m * sampling.spacing_m)).round().max(1.0);
+    let step = area / count;
+    let area_mm2 = (step * 1e6).round().max(1.0) as u64;
+    let mut next = step * unit_hash(sampling.seed ^ structure.id.0);
+    let mut passed = 0.0;
+    let mut samples = Vec::with_capacity(count as usize);
+    for piece in &pieces {
+        passed += area_m2(piece);
+        while next < passed {
+            next += step;
+            let position = centroid(piece);
+            let normal = normal(piece);
+            samples.extend(outward_normals(structure, &position, normal, sampling.offset_m).map(|normal| Sample {
+                position,
+                normal,
+                area_mm2,
+                structure: 0,
+                exposed: true,
+            }));
+        }
+    }
+    samples
+}
+
+/// The outward sides at a point of the surface: one for a solid, both for a sheet, none inside of a solid.
+fn outward_normals(
+    structure: &Structure,
+    position: &Point3<f64>,
+    normal: Vector3<f64>,
+    offset_m: f64,
+) -> impl Iterator<Item = Vector3<f64>> + use<> {
+    let (front, back) = match structure.shape {
+        Shape::Prism { .. } => (true, false),
+        Shape::Mesh { .. } => {
+            (!structure.contains(&(position + normal * offset_m)), !structure.contains(&(position - normal * offset_m)))
+        }
+    };
+    front.then_some(normal).into_iter().chain(back.then_some(-normal))
+}
+
+fn is_exposed(sample: &Sample, neighbours: &[&Arc<Structure>], offset_m: f64) -> bool {
+    let in_front = sample.position + sample.normal * offset_m;
+    in_front.z > 0.0 && !neighbours.iter().any(|neighbour| neighbour.contains(&in_front))
+}
+
+fn neighbours<'a>(scene: &'a Scene, bounds: &[Bounds], index: usize, reach_m: f64) -> Vec<&'a Arc<Structure>> {
+    let own = &bounds[index];
+    let near = |other: &Bounds| (0..3).all(|i| other.min[i] - reach_m <= own.max[i] && own.min[i] - reach_m <= other.max[i]);
+    let others = scene.structures.iter().zip(bounds).enumerate();
+    others.filter(|(i, (_, other))| *i != index && near(other)).map(|(_, (structure, _))| structure).collect()
+}
+
+/// Small triangles of the surface in sampling order.
+fn ordered_pieces(structure: &Structure, spacing_m: f64) -> Vec<Triangle> {
+    let mut pieces = Vec::new();
+    for triangle in structure.triangles() {
+        cut(triangle, spacing_m, &mut pieces);
+    }
+    let low = structure.bounds().min;
+    let key = |piece: &Triangle| (facing(&normal(piece)), morton((centroid(piece) - low) / (spacing_m * 0.5)));
+    pieces.sort_by_cached_key(key);
+    pieces
+}
+
+/// Halves the longest edge until a piece is well below the area of one sample.
+fn cut(triangle: Triangle, spacing_m: f64, pieces: &mut Vec<Triangle>) {
+    let area = area_m2(&triangle);
+    if area <= 0.0 || !area.is_finite() {
+        return;
+    }
+    let [a, b, c] = triangle;
+    let edges = [(b - a).norm_squared(), (c - b).norm_squared(), (a - c).norm_squared()];
+    let longest = edges[0].max(edges[1]).max(edges[2]);
+    if area * 4.0 <= spacing_m * spacing_m && (longest <= spacing_m * spacing_m || area * 400.0 <= spacing_m * spacing_m) {
+        pieces.push(triangle);
+        return;
+    }
+    let [a, b, c] = if longest == edges[0] {
+        [a, b, c]
+    } else if longest == edges[1] {
+        [b, c, a]
+    } else {
+        [c, a, b]
+    };
+    let middle = nalgebra::center(&a, &b);
+    cut([a, middle, c], spacing_m, pieces);
+    cut([middle, b, c], spacing_m, pieces);
+}
+
+fn area_m2([a, b, c]: &Triangle) -> f64 {
+    (b - a).cross(&(c - a)).norm() / 2.0
+}
+
+fn normal([a, b, c]: &Triangle) -> Vector3<f64> {
+    (b - a).cross(&(c - a)).normalize()
+}
+
+fn centroid([a, b, c]: &Triangle) -> Point3<f64> {
+    Point3::from((a.coords + b.coords + c.coords) / 3.0)
+}
+
+/// The axis, with its sign, that a normal is nearest to: 0 to 5.
+fn facing(normal: &Vector3<f64>) -> u8 {
+    let axis = normal.iamax();
+    2 * axis as u8 + u8::from(normal[axis] < 0.0)
+}
+
+/// Position along a Morton curve over cells of unit size, 21 bits an axis.
+fn morton(cell: Vector3<f64>) -> u64 {
+    let spread = |v: f64| {
+        let bits = v.clamp(0.0, 2_097_151.0) as u64;
+        (0..21).fold(0u64, |spread, i| spread | (bits >> i & 1) << (3 * i))
+    };
+    spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2
+}
+
+/// A number in 0..1 from a key (the finaliser of SplitMix64).
+pub(crate) fn unit_hash(key: u64) -> f64 {
+    let mut z = key.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^= z >> 31;
+    (z >> 11) as f64 / (1u64 << 53) as f64
+}

@@ -1,0 +1,156 @@
+//! Building the field in place (Algorithm 1).
+
+use geo::Coord;
+use nalgebra::Point3;
+use overfly_table::field::{FieldCounts, FieldFacts, RingRow, SampleRow, StructureRow, ViewpointRow};
+use overfly_table::{Block, FieldTableMut};
+use rayon::prelude::*;
+
+use super::viewpoints::Viewpoint;
+use crate::coverage::{DiskModel, Mask, SampleFrame};
+use crate::planner::StopToken;
+use crate::scene::clearance::Clearance;
+use crate::scene::{Scene, Structure};
+use crate::surface::Sample;
+
+/// What the field of one revision is built from.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldInputs<'a> {
+    pub scene: &'a Scene,
+    pub clearance: &'a Clearance,
+    pub samples: &'a [Sample],
+    pub viewpoints: &'a [Viewpoint],
+    pub disks: &'a DiskModel,
+    pub facts: FieldFacts,
+    /// How far in front of a sample a line of sight ends, m, so that it does not end in the sample's own surface.
+    pub offset_m: f64,
+}
+
+/// The size of the field's table.
+pub fn counts(scene: &Scene, samples: usize, viewpoints: usize) -> FieldCounts {
+    let mut counts = FieldCounts { samples, viewpoints, structures: scene.structures.len(), ..Default::default() };
+    for structure in &scene.structures {
+        for ring in rings(structure) {
+            counts.rings += 1;
+            counts.points += ring.len();
+        }
+        counts.name_bytes += structure.name.len();
+    }
+    counts
+}
+
+/// Fills `blocks`, in parallel over viewpoints. Returns `None` when stopped; the blocks then hold nothing of use.
+pub fn build(inputs: &FieldInputs, counts: &FieldCounts, blocks: &mut [Block], stop: &StopToken) -> Option<()> {
+    let mut table = FieldTableMut::create(blocks, counts, inputs.facts);
+    write_structures(inputs, &mut table);
+    for (row, sample) in table.samples.iter_mut().zip(inputs.samples) {
+        *row = SampleRow {
+            position_m: sample.position.coords.into(),
+            normal: sample.normal.into(),
+            area_mm2: sample.area_mm2,
+            structure: sample.structure,
+            exposed: u32::from(sample.exposed),
+        };
+    }
+    for (row, viewpoint) in table.viewpoints.iter_mut().zip(inputs.viewpoints) {
+        *row = ViewpointRow { position_m: viewpoint.position.coords.into(), clearance_m: viewpoint.clearance_m };
+    }
+    let ceilings = build_visibility(inputs, table.visibility, table.words_per_row, stop)?;
+    for (cells, mask) in table.ceilings.iter_mut().zip(ceilings) {
+        *cells = mask.count_ones() as u16;
+    }
+    Some(())
+}
+
+/// Algorithm 1: for each viewpoint c_j, for each sample s_i, whether s_i is visible to c_j. Returns the union of all disks of each
+/// sample, which no path can exceed.
+fn build_visibility(inputs: &FieldInputs, visibility: &mut [u64], words_per_row: usize, stop: &StopToken) -> Option<Vec<Mask>> {
+    let targets = Targets::new(inputs);
+    let rows = visibility.par_chunks_mut(words_per_row.max(1)).zip(inputs.viewpoints);
+    rows.try_fold(
+        || vec![0 as Mask; inputs.samples.len()],
+        |mut union, (row, viewpoint)| {
+            if stop.is_stopped() {
+                return None;
+            }
+            for i in targets.seen_from(inputs, &viewpoint.position) {
+                row[i / 64] |= 1 << (i % 64);
+                union[i] |= inputs.disks.mask(&targets.frames[i], &viewpoint.position);
+            }
+            Some(union)
+        },
+    )
+    .try_reduce(
+        || vec![0 as Mask; inputs.samples.len()],
+        |mut union, other| {
+            union.iter_mut().zip(other).for_each(|(mask, other)| *mask |= other);
+            Some(union)
+        },
+    )
+}
+
+/// The samples as targets of lines of sight.
+struct Targets {
+    frames: Vec<SampleFrame>,
+    ends: Vec<Point3<f64>>,
+}
+
+impl Targets {
+    fn new(inputs: &FieldInputs) -> Self {
+        let frames: Vec<_> = inputs.samples.iter().map(|sample| SampleFrame::new(sample.position, sample.normal)).collect();
+        let ends = inputs.samples.iter().map(|sample| sample.position + sample.normal * inputs.offset_m).collect();
+        Self { frames, ends }
+    }
+
+    fn seen_from<'a>(&'a self, inputs: &'a FieldInputs, view: &'a Point3<f64>) -> impl Iterator<Item = usize> + 'a {
+        (0..self.frames.len()).filter(move |&i| {
+            inputs.samples[i].exposed
+                && inputs.disks.faces(&self.frames[i], view)
+                && !inputs.clearance.occluded(view, &self.ends[i])
+        })
+    }
+}
+
+fn write_structures(inputs: &FieldInputs, table: &mut FieldTableMut) {
+    let (mut ring, mut point, mut name_byte, mut sample) = (0, 0, 0, 0);
+    for (index, (row, structure)) in table.structures.iter_mut().zip(&inputs.scene.structures).enumerate() {
+        let outlines = rings(structure);
+        let name = structure.name.as_bytes();
+        let samples = inputs.samples[sample..].iter().take_while(|s| s.structure as usize == index).count();
+        *row = structure_row(structure, [sample, samples, ring, outlines.len(), name_byte, name.len()]);
+        for outline in outlines {
+            table.rings[ring] = RingRow { first_point: point as u32, points: outline.len() as u32 };
+            for Coord { x, y } in outline {
+                table.points[point] = [x, y];
+                point += 1;
+            }
+            ring += 1;
+        }
+        table.names[name_byte..name_byte + name.len()].copy_from_slice(name);
+        name_byte += name.len();
+        sample += samples;
+    }
+}
+
+/// The rings of a structure seen from above, without the repeated last corner.
+fn rings(structure: &Structure) -> Vec<Vec<Coord>> {
+    let open = |ring: &geo::LineString| ring.0[..ring.0.len().saturating_sub(1)].to_vec();
+    let outlines = structure.outlines();
+    outlines.iter().flat_map(|polygon| std::iter::once(polygon.exterior()).chain(polygon.interiors()).map(open)).collect()
+}
+
+fn structure_row(structure: &Structure, places: [usize; 6]) -> StructureRow {
+    let bounds = structure.bounds();
+    let [first_sample, samples, first_ring, rings, first_name_byte, name_bytes] = places.map(|v| v as u32);
+    StructureRow {
+        id: structure.id.0,
+        base_m: bounds.min.z,
+        top_m: bounds.max.z,
+        first_sample,
+        samples,
+        first_ring,
+        rings,
+        first_name_byte,
+        name_bytes,
+    }
+}

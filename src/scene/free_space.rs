@@ -1,0 +1,149 @@
+//! Where the drone may be: flight limits, no-fly zones and the safety distance, as hard constraints.
+
+use std::sync::Arc;
+
+use geo::{Contains, Intersects};
+use nalgebra::Point3;
+
+use super::clearance::Clearance;
+use super::proxy::{NoFlyZone, Scene, Structure};
+use super::solid::Bounds;
+use crate::settings::FlightSettings;
+
+/// The safe space of one scene under one set of flight limits.
+#[derive(Debug)]
+pub struct FreeSpace {
+    pub clearance: Clearance,
+    structures: Vec<(Bounds, Arc<Structure>)>,
+    zones: Vec<NoFlyZone>,
+    /// The box of admissible positions, m: lateral limits and altitudes.
+    pub limits: Bounds,
+    pub safety_distance_m: f64,
+}
+
+/// Why a position or a leg cannot be flown.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Obstruction {
+    #[error("it is not a finite position")]
+    NotFinite,
+    #[error(
+        "it lies outside of the flight limits x {min_x:.0}..{max_x:.0} m, y {min_y:.0}..{max_y:.0} m, z {min_z:.0}..{max_z:.0} m"
+    )]
+    OutsideLimits { min_x: f64, max_x: f64, min_y: f64, max_y: f64, min_z: f64, max_z: f64 },
+    #[error("it lies inside the structure {0:?}")]
+    Inside(String),
+    #[error("it comes within {distance_m:.2} m of a structure, nearer than the safety distance of {safety_m} m")]
+    TooNear { distance_m: f64, safety_m: f64 },
+    #[error("it enters the no-fly zone {0:?}")]
+    Zone(String),
+}
+
+impl FreeSpace {
+    /// `settings` gives the limits, `scene` the obstacles and its own zones.
+    pub fn new(scene: &Scene, settings: &FlightSettings) -> Self {
+        let structures: Vec<_> = scene.structures.iter().map(|s| (s.bounds(), Arc::clone(s))).collect();
+        let zones = scene.zones.iter().cloned().chain(settings.no_fly.iter().map(NoFlyZone::from)).collect();
+        Self {
+            clearance: Clearance::new(scene),
+            limits: limits(scene, settings),
+            structures,
+            zones,
+            safety_distance_m: settings.safety_distance_m,
+        }
+    }
+
+    /// Why `p` is not a safe position; `None` when it is one.
+    pub fn obstruction_at(&self, p: &Point3<f64>) -> Option<Obstruction> {
+        if !p.coords.iter().all(|v| v.is_finite()) {
+            return Some(Obstruction::NotFinite);
+        }
+        if !self.limits.contains(p) {
+            return Some(self.outside());
+        }
+        if let Some(structure) = self.structure_around(p) {
+            return Some(Obstruction::Inside(structure.name.clone()));
+        }
+        self.obstruction_between(p, p)
+    }
+
+    /// Why the straight leg from `a` to `b` is not safe over its whole length, given that both ends are safe positions.
+    pub fn obstruction_between(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
+        // The limits are a box, and so convex: two ends inside keep the leg inside. No closed structure can be entered without
+        // crossing its surface, which the distance excludes.
+        if !self.clearance.keeps_distance(a, b, self.safety_distance_m) {
+            let distance_m = self.clearance.segment_distance_m(a, b, self.safety_distance_m);
+            return Some(Obstruction::TooNear { distance_m, safety_m: self.safety_distance_m });
+        }
+        self.zones.iter().find(|zone| zone.meets(a, b)).map(|zone| Obstruction::Zone(zone.name.clone()))
+    }
+
+    pub fn is_safe(&self, p: &Point3<f64>) -> bool {
+        self.obstruction_at(p).is_none()
+    }
+
+    /// Whether the leg between two safe positions is safe. The hot path of the search: no reason is made up.
+    pub fn is_leg_safe(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        self.clearance.keeps_distance(a, b, self.safety_distance_m) && !self.zones.iter().any(|zone| zone.meets(a, b))
+    }
+
+    /// The structure that holds `p` inside, if any.
+    pub fn structure_around(&self, p: &Point3<f64>) -> Option<&Structure> {
+        self.structures.iter().find(|(bounds, structure)| bounds.contains(p) && structure.contains(p)).map(|(_, s)| s.as_ref())
+    }
+
+    fn outside(&self) -> Obstruction {
+        let Bounds { min, max } = self.limits;
+        Obstruction::OutsideLimits { min_x: min.x, max_x: max.x, min_y: min.y, max_y: max.y, min_z: min.z, max_z: max.z }
+    }
+}
+
+impl From<&crate::settings::NoFlySetting> for NoFlyZone {
+    fn from(setting: &crate::settings::NoFlySetting) -> Self {
+        let ring = setting.outline_m.iter().map(|&[x, y]| geo::Coord { x, y }).collect::<Vec<_>>();
+        Self {
+            name: setting.name.clone(),
+            outline: geo::MultiPolygon::new(vec![geo::Polygon::new(geo::LineString::new(ring), vec![])]),
+            floor_m: setting.floor_m,
+            ceiling_m: setting.ceiling_m,
+        }
+    }
+}
+
+impl NoFlyZone {
+    /// Whether the segment from `a` to `b` enters the zone; its border belongs to it.
+    fn meets(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        let Some((enter, leave)) = share_between(a.z, b.z, self.floor_m, self.ceiling_m) else {
+            return false;
+        };
+        let at = |t: f64| geo::Coord { x: a.x + (b.x - a.x) * t, y: a.y + (b.y - a.y) * t };
+        let (from, to) = (at(enter), at(leave));
+        if from == to {
+            self.outline.contains(&from) || self.outline.intersects(&from)
+        } else {
+            self.outline.intersects(&geo::Line::new(from, to))
+        }
+    }
+}
+
+/// The part of 0..1 in which the height from `z0` to `z1` lies within `floor..ceiling`.
+fn share_between(z0: f64, z1: f64, floor: f64, ceiling: f64) -> Option<(f64, f64)> {
+    if z0 == z1 {
+        return (floor..=ceiling).contains(&z0).then_some((0.0, 1.0));
+    }
+    let (t0, t1) = ((floor - z0) / (z1 - z0), (ceiling - z0) / (z1 - z0));
+    let (enter, leave) = (t0.min(t1).max(0.0), t0.max(t1).min(1.0));
+    (enter <= leave).then_some((enter, leave))
+}
+
+/// The box of admissible positions; empty (it contains nothing) for a scene without structures.
+fn limits(scene: &Scene, settings: &FlightSettings) -> Bounds {
+    let margin = settings.lateral_margin_m;
+    let Some(all) = scene.bounds() else {
+        return Bounds { min: Point3::origin(), max: Point3::new(-1.0, -1.0, -1.0) };
+    };
+    let top = (all.max.z + settings.above_tallest_m).min(settings.legal_ceiling_m);
+    Bounds {
+        min: Point3::new(all.min.x - margin, all.min.y - margin, settings.altitude_min_m),
+        max: Point3::new(all.max.x + margin, all.max.y + margin, top),
+    }
+}

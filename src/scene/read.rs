@@ -1,0 +1,196 @@
+//! From the bytes of a scene file to a scene, whatever the format.
+
+use std::sync::Arc;
+
+use geo::{Area, BooleanOps};
+use serde::Deserialize;
+
+use super::proxy::{NoFlyZone, Scene, Shape, Structure};
+use super::report::ImportReport;
+use super::solid::Bounds;
+use super::{cityjson, geojson, obj};
+use crate::frame::LocalFrame;
+use crate::settings::ProxySettings;
+
+/// Why a file is no scene. Nothing has been loaded.
+#[derive(Debug, thiserror::Error)]
+pub enum ImportError {
+    #[error("{file}: the file is empty; give a GeoJSON, CityJSON or OBJ file")]
+    EmptyFile { file: String },
+    #[error("{file}: this is {found}, which is not read; convert it to GeoJSON footprints with heights, CityJSON or OBJ")]
+    UnknownFormat { file: String, found: String },
+    #[error("{file}: the JSON is damaged at line {}, column {}: {source}; it may be cut off: fetch or export it again", .source.line(), .source.column())]
+    Json { file: String, source: serde_json::Error },
+    #[error("{file}: {what}; {remedy}")]
+    Structure { file: String, what: String, remedy: &'static str },
+    #[error(
+        "{file}: none of its {objects} features or objects is a usable structure{first}; export buildings as polygons or solids"
+    )]
+    NoStructures { file: String, objects: usize, first: String },
+    #[error(
+        "{file}: not one of its {structures} structures has a height; add a property `height` (metres) or `building:levels` to the features"
+    )]
+    NoHeights { file: String, structures: usize },
+    #[error(
+        "{file}: latitude and longitude are exchanged (for example [{}, {}]); GeoJSON wants [longitude, latitude]: swap them and load again",
+        .example[0], .example[1]
+    )]
+    SwappedCoordinates { file: String, example: [f64; 2] },
+    #[error(
+        "{file}: the coordinates are no degrees (for example [{}, {}]{declared}); GeoJSON wants WGS84 longitude and latitude: reproject it, \
+         for example with `ogr2ogr -t_srs EPSG:4326 out.geojson in.geojson`",
+        .example[0], .example[1]
+    )]
+    Projected { file: String, example: [f64; 2], declared: String },
+    #[error(
+        "{file}: its coordinates are degrees (EPSG:{epsg}); CityJSON is read in metres: reproject it, for example with `cjio in.json crs_reproject`"
+    )]
+    Geographic { file: String, epsg: u32 },
+    #[error(
+        "{file}: object {object:?} refers to vertex {index}, but there are only {vertices}; the file is damaged or was cropped wrongly: export it again"
+    )]
+    VertexIndex { file: String, object: String, index: String, vertices: usize },
+    #[error("{file}: line {line}: {what}; correct the line or export the file again")]
+    Line { file: String, line: usize, what: String },
+    #[error("{file}: the coordinates are absurd or not finite ({what}); check the export's units and origin")]
+    Coordinates { file: String, what: String },
+}
+
+/// Reads a scene. The format follows from the content, then from the ending of `file_name`; the scene is named after the file.
+/// `bytes` may hold anything.
+pub fn read(file_name: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(Scene, ImportReport), ImportError> {
+    let file = file_name.to_owned();
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let Some(first) = bytes.iter().find(|byte| !byte.is_ascii_whitespace()) else {
+        return Err(ImportError::EmptyFile { file });
+    };
+    if matches!(first, b'{' | b'[') {
+        return match json_kind(file_name, bytes)?.as_str() {
+            "CityJSON" => cityjson::read(file_name, bytes, settings),
+            "CityJSONFeature" => Err(ImportError::UnknownFormat { file, found: "a CityJSON sequence".into() }),
+            _ => geojson::read(file_name, bytes, settings),
+        };
+    }
+    if let Some(found) = foreign_format(bytes) {
+        return Err(ImportError::UnknownFormat { file, found: found.into() });
+    }
+    let lower = file_name.to_lowercase();
+    if lower.ends_with(".obj") || looks_like_obj(bytes) {
+        return obj::read(file_name, bytes, settings);
+    }
+    if lower.ends_with("json") {
+        json_kind(file_name, bytes)?;
+    }
+    Err(ImportError::UnknownFormat { file, found: "neither JSON nor OBJ".into() })
+}
+
+/// The last part of a path without the endings of the known formats.
+pub(crate) fn stem(file_name: &str) -> String {
+    let base = file_name.rsplit(['/', '\\']).next().unwrap_or(file_name);
+    let lower = base.to_lowercase();
+    let ending = [".city.json", ".geo.json", ".geojson", ".json", ".obj"].into_iter().find(|ending| lower.ends_with(ending));
+    let stem = ending.and_then(|ending| base.get(..base.len() - ending.len())).unwrap_or(base);
+    if stem.is_empty() { "scene".into() } else { super::names::tidy(stem) }
+}
+
+/// Puts the scene in order and completes the report.
+pub(crate) fn assemble(
+    file_name: &str,
+    frame: LocalFrame,
+    structures: Vec<Structure>,
+    zones: Vec<NoFlyZone>,
+    mut report: ImportReport,
+) -> (Scene, ImportReport) {
+    count_overlaps(&structures, &mut report);
+    let mut structures: Vec<Arc<Structure>> = structures.into_iter().map(Arc::new).collect();
+    structures.sort_by_key(|structure| structure.id);
+    let scene = Scene { name: stem(file_name), frame, structures, zones };
+    report.structures = scene.structures.len();
+    report.zones = scene.zones.len();
+    if let Some(bounds) = scene.bounds() {
+        report.extent_m = [bounds.max.x - bounds.min.x, bounds.max.y - bounds.min.y];
+        report.tallest_m = bounds.max.z;
+    }
+    (scene, report)
+}
+
+/// The member `type` of a JSON file, which is parsed to its end.
+fn json_kind(file_name: &str, bytes: &[u8]) -> Result<String, ImportError> {
+    #[derive(Deserialize)]
+    struct Probe {
+        #[serde(rename = "type", default)]
+        kind: serde_json::Value,
+    }
+    if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
+        // Parsed for the sake of a precise message when the file is cut off.
+        let _: serde::de::IgnoredAny =
+            serde_json::from_slice(bytes).map_err(|source| ImportError::Json { file: file_name.into(), source })?;
+        return Err(ImportError::UnknownFormat { file: file_name.into(), found: "a bare JSON list".into() });
+    }
+    match serde_json::from_slice::<Probe>(bytes) {
+        Ok(probe) => Ok(probe.kind.as_str().unwrap_or_default().to_owned()),
+        // A CityJSON sequence is one JSON object per line.
+        Err(source) if source.is_syntax() && source.to_string().starts_with("trailing characters") => {
+            Err(ImportError::UnknownFormat {
+                file: file_name.into(),
+                found: "several JSON values in one file (a sequence)".into(),
+            })
+        }
+        Err(source) => Err(ImportError::Json { file: file_name.into(), source }),
+    }
+}
+
+fn foreign_format(bytes: &[u8]) -> Option<&'static str> {
+    const MAGIC: [(&[u8], &str); 9] = [
+        (b"glTF", "binary glTF"),
+        (b"ply", "a PLY mesh"),
+        (b"II*\0", "a TIFF raster"),
+        (b"MM\0*", "a TIFF raster"),
+        (b"LASF", "a LAS or LAZ point cloud"),
+        (b"PK\x03\x04", "a zip archive"),
+        (b"\x1f\x8b", "gzip-compressed"),
+        (b"\0\0\0\rOS", "an OpenStreetMap PBF file"),
+        (b"<", "XML (CityGML, KML or Collada)"),
+    ];
+    MAGIC.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, name)| *name).or_else(|| {
+        // "OSMHeader" follows the length and a tag byte or two.
+        bytes.get(..16).filter(|head| head.windows(9).any(|part| part == b"OSMHeader")).map(|_| "an OpenStreetMap PBF file")
+    })
+}
+
+fn looks_like_obj(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(65_536)];
+    head.split(|&byte| byte == b'\n').any(|line| line.starts_with(b"v ") || line.starts_with(b"f "))
+}
+
+/// Overlaps below this are rounding between neighbours, m^2 and m.
+const LEAST_OVERLAP_M2: f64 = 0.5;
+const LEAST_OVERLAP_M: f64 = 0.1;
+
+/// Counts pairs of prisms whose solids overlap. Meshes are left out: their shared walls cannot be told from overlaps.
+fn count_overlaps(structures: &[Structure], report: &mut ImportReport) {
+    let mut boxes: Vec<(Bounds, &Structure)> = structures.iter().map(|structure| (structure.bounds(), structure)).collect();
+    boxes.sort_by(|a, b| a.0.min.x.total_cmp(&b.0.min.x));
+    for (index, (bounds, structure)) in boxes.iter().enumerate() {
+        let near = boxes[index + 1..].iter().take_while(|(other, _)| other.min.x < bounds.max.x);
+        for (other_bounds, other) in near {
+            if boxes_overlap(bounds, other_bounds) && footprints_overlap(structure, other) {
+                report.add_overlap(&structure.name, &other.name);
+            }
+        }
+    }
+}
+
+fn boxes_overlap(a: &Bounds, b: &Bounds) -> bool {
+    let depth = |axis: usize| a.max[axis].min(b.max[axis]) - a.min[axis].max(b.min[axis]);
+    depth(0) > 0.0 && depth(1) > 0.0 && depth(0) * depth(1) > LEAST_OVERLAP_M2 && depth(2) > LEAST_OVERLAP_M
+}
+
+fn footprints_overlap(a: &Structure, b: &Structure) -> bool {
+    match (&a.shape, &b.shape) {
+        (Shape::Prism { footprint: a, .. }, Shape::Prism { footprint: b, .. }) => {
+            a.intersection(b).unsigned_area() > LEAST_OVERLAP_M2
+        }
+        _ => false,
+    }
+}

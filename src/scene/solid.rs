@@ -1,0 +1,254 @@
+//! The solids of the structures: surface, box, outline from above, and the test for being inside.
+
+use geo::orient::{Direction, Orient};
+use geo::{
+    Area, BoundingRect, Contains, ConvexHull, LineString, MultiPoint, MultiPolygon, Point, Polygon, Rect, TriangulateEarcut,
+};
+use nalgebra::{Point3, Vector3};
+
+use super::proxy::{Scene, Shape, Structure, Triangle};
+
+/// A mesh whose lowest vertex lies below this stands on the ground, so its missing floor does not matter, m.
+const STANDS_ON_GROUND_M: f64 = 1.0;
+
+/// Parts of an outline below this area are noise of the union, m^2.
+const OUTLINE_NOISE_M2: f64 = 0.01;
+
+/// A box along the axes, metres in the local frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    pub min: Point3<f64>,
+    pub max: Point3<f64>,
+}
+
+impl Bounds {
+    /// The box of some points; `None` without points.
+    pub fn of_points(points: impl IntoIterator<Item = Point3<f64>>) -> Option<Self> {
+        points.into_iter().map(|point| Self { min: point, max: point }).reduce(|a, b| a.union(&b))
+    }
+
+    pub fn union(&self, other: &Self) -> Self {
+        Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
+    }
+
+    /// Whether `point` lies in the box or on its sides.
+    pub fn contains(&self, point: &Point3<f64>) -> bool {
+        (0..3).all(|axis| self.min[axis] <= point[axis] && point[axis] <= self.max[axis])
+    }
+}
+
+impl Scene {
+    /// The box around all structures; `None` for a scene without structures.
+    pub fn bounds(&self) -> Option<Bounds> {
+        self.structures.iter().map(|structure| structure.bounds()).reduce(|a, b| a.union(&b))
+    }
+}
+
+impl Structure {
+    /// The surface, counter-clockwise seen from outside. The floor of a prism that stands on the ground is left out.
+    pub fn triangles(&self) -> Vec<Triangle> {
+        match &self.shape {
+            Shape::Mesh { triangles } => triangles.clone(),
+            Shape::Prism { footprint, base_m, top_m } => prism_triangles(footprint, *base_m, *top_m),
+        }
+    }
+
+    pub fn bounds(&self) -> Bounds {
+        let bounds = match &self.shape {
+            Shape::Mesh { triangles } => Bounds::of_points(triangles.iter().flatten().copied()),
+            Shape::Prism { footprint, base_m, top_m } => footprint.bounding_rect().map(|rect| Bounds {
+                min: Point3::new(rect.min().x, rect.min().y, *base_m),
+                max: Point3::new(rect.max().x, rect.max().y, *top_m),
+            }),
+        };
+        bounds.unwrap_or(Bounds { min: Point3::origin(), max: Point3::origin() })
+    }
+
+    /// The structure seen from above, m: exterior rings counter-clockwise, holes clockwise.
+    pub fn outlines(&self) -> MultiPolygon<f64> {
+        match &self.shape {
+            Shape::Prism { footprint, .. } => footprint.clone(),
+            Shape::Mesh { triangles } => shadow(triangles),
+        }
+    }
+
+    /// Whether `point` lies inside the solid. A mesh need not be closed: its generalised winding number decides (Jacobson et
+    /// al., "Robust inside-outside segmentation using generalized winding numbers", 2013), taken together with its mirror image
+    /// in the ground plane when it stands on the ground.
+    pub fn contains(&self, point: &Point3<f64>) -> bool {
+        match &self.shape {
+            Shape::Prism { footprint, base_m, top_m } => {
+                *base_m < point.z && point.z < *top_m && footprint.contains(&Point::new(point.x, point.y))
+            }
+            Shape::Mesh { triangles } => {
+                let bounds = self.bounds();
+                bounds.contains(point) && winding_number(triangles, point, bounds.min.z < STANDS_ON_GROUND_M) > 0.5
+            }
+        }
+    }
+}
+
+fn prism_triangles(footprint: &MultiPolygon<f64>, base_m: f64, top_m: f64) -> Vec<Triangle> {
+    let mut triangles = Vec::new();
+    for polygon in footprint {
+        for corners in flat_triangles(polygon) {
+            let [a, b, c] = corners.map(|[x, y]| Point3::new(x, y, top_m));
+            triangles.push([a, b, c]);
+            if base_m > 0.0 {
+                let [a, b, c] = corners.map(|[x, y]| Point3::new(x, y, base_m));
+                triangles.push([a, c, b]);
+            }
+        }
+        for ring in std::iter::once(polygon.exterior()).chain(polygon.interiors()) {
+            for edge in ring.lines() {
+                let [a, b] = [edge.start, edge.end].map(|end| Point3::new(end.x, end.y, base_m));
+                let [above_a, above_b] = [edge.start, edge.end].map(|end| Point3::new(end.x, end.y, top_m));
+                triangles.push([a, b, above_b]);
+                triangles.push([a, above_b, above_a]);
+            }
+        }
+    }
+    triangles
+}
+
+/// A polygon cut into counter-clockwise triangles.
+fn flat_triangles(polygon: &Polygon<f64>) -> Vec<[[f64; 2]; 3]> {
+    if polygon.exterior().0.len() < 4 || polygon.interiors().iter().any(|hole| hole.0.len() < 4) {
+        return Vec::new();
+    }
+    let cut = polygon.earcut_triangles_raw();
+    let corners = cut.triangle_indices.chunks_exact(3).map(|corner| [0, 1, 2].map(|i| cut.vertices[corner[i]]));
+    corners.map(|[a, b, c]| if cross(a, b, c) < 0.0 { [a, c, b] } else { [a, b, c] }).collect()
+}
+
+fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+/// The union of the projected triangles. A structure of upright sheets has none: then the hull of its vertices, and when that is
+/// a line too, its box grown to 10 cm.
+fn shadow(triangles: &[Triangle]) -> MultiPolygon<f64> {
+    let flat: Vec<_> = triangles
+        .iter()
+        .map(|corners| corners.map(|corner| [corner.x, corner.y]))
+        .filter(|&[a, b, c]| cross(a, b, c).abs() > 1e-6)
+        .map(|[a, b, c]| if cross(a, b, c) < 0.0 { [a, c, b] } else { [a, b, c] })
+        .map(|corners| Polygon::new(LineString::from(corners.to_vec()), Vec::new()))
+        .collect();
+    let mut united = geo::unary_union(&flat).orient(Direction::Default);
+    united.0.retain(|polygon| polygon.unsigned_area() > OUTLINE_NOISE_M2);
+    for polygon in &mut united.0 {
+        let (exterior, mut holes) = std::mem::replace(polygon, Polygon::empty()).into_inner();
+        holes.retain(|hole| Polygon::new(hole.clone(), Vec::new()).unsigned_area() > OUTLINE_NOISE_M2);
+        *polygon = Polygon::new(exterior, holes);
+    }
+    if !united.0.is_empty() {
+        return united;
+    }
+    let points: MultiPoint<f64> = triangles.iter().flatten().map(|corner| Point::new(corner.x, corner.y)).collect();
+    let hull = points.convex_hull();
+    if hull.unsigned_area() > OUTLINE_NOISE_M2 {
+        return MultiPolygon(vec![hull.orient(Direction::Default)]);
+    }
+    let Some(rect) = points.bounding_rect() else { return MultiPolygon(Vec::new()) };
+    let margin_m = 0.05;
+    let grown = Rect::new((rect.min().x - margin_m, rect.min().y - margin_m), (rect.max().x + margin_m, rect.max().y + margin_m));
+    MultiPolygon(vec![grown.to_polygon().orient(Direction::Default)])
+}
+
+/// How often the surface winds round `point`: 1 inside, 0 outside, in between where the surface has gaps.
+fn winding_number(triangles: &[Triangle], point: &Point3<f64>, with_mirror_image: bool) -> f64 {
+    let direct: f64 = triangles.iter().map(|triangle| solid_angle(triangle, point)).sum();
+    let mirrored: f64 = if with_mirror_image {
+        let image = Point3::new(point.x, point.y, -point.z);
+        // The mirrored surface seen from the point is the surface seen from the mirrored point, turned inside out twice.
+        triangles.iter().map(|triangle| solid_angle(triangle, &image)).sum()
+    } else {
+        0.0
+    };
+    (direct + mirrored) / (4.0 * std::f64::consts::PI)
+}
+
+/// Signed solid angle of a triangle (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983), positive from inside.
+fn solid_angle(triangle: &Triangle, point: &Point3<f64>) -> f64 {
+    let [a, b, c]: [Vector3<f64>; 3] = triangle.map(|corner| corner - point);
+    let [length_a, length_b, length_c] = [a.norm(), b.norm(), c.norm()];
+    let volume = a.dot(&b.cross(&c));
+    let spread = length_a * length_b * length_c + a.dot(&b) * length_c + b.dot(&c) * length_a + c.dot(&a) * length_b;
+    2.0 * libm::atan2(volume, spread)
+}
+
+#[cfg(test)]
+mod tests {
+    use geo::polygon;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::StructureId;
+
+    fn structure(shape: Shape) -> Structure {
+        Structure { id: StructureId::of_name("a"), name: "a".into(), shape }
+    }
+
+    fn court() -> MultiPolygon<f64> {
+        MultiPolygon(vec![
+            polygon!(
+                exterior: [(x: 0.0, y: 0.0), (x: 30.0, y: 0.0), (x: 30.0, y: 20.0), (x: 12.0, y: 25.0), (x: 0.0, y: 20.0)],
+                interiors: [[(x: 8.0, y: 6.0), (x: 8.0, y: 14.0), (x: 20.0, y: 14.0), (x: 20.0, y: 6.0)]],
+            ),
+            polygon![(x: 40.0, y: 0.0), (x: 44.0, y: 0.0), (x: 40.0, y: 9.0)],
+        ])
+    }
+
+    fn signed_volume(triangles: &[Triangle]) -> f64 {
+        triangles.iter().map(|[a, b, c]| a.coords.dot(&b.coords.cross(&c.coords)) / 6.0).sum()
+    }
+
+    #[test]
+    fn a_prism_encloses_its_volume() {
+        let footprint = court();
+        let area = footprint.unsigned_area();
+        let floating = structure(Shape::Prism { footprint: footprint.clone(), base_m: 4.0, top_m: 10.0 });
+        assert!((signed_volume(&floating.triangles()) - area * 6.0).abs() < 1e-6);
+        // The missing floor lies in the plane z = 0 and takes nothing from the sum.
+        let standing = structure(Shape::Prism { footprint, base_m: 0.0, top_m: 10.0 });
+        assert!((signed_volume(&standing.triangles()) - area * 10.0).abs() < 1e-6);
+        assert!(standing.triangles().len() < floating.triangles().len());
+    }
+
+    #[test]
+    fn a_mesh_casts_the_outline_of_its_prism() {
+        let prism = structure(Shape::Prism { footprint: court(), base_m: 0.0, top_m: 10.0 });
+        let mesh = structure(Shape::Mesh { triangles: prism.triangles() });
+        let outline = mesh.outlines();
+        assert!((outline.unsigned_area() - court().unsigned_area()).abs() < 0.01);
+        assert!(outline.signed_area() > 0.0);
+        assert_eq!(outline.0.iter().map(|polygon| polygon.interiors().len()).sum::<usize>(), 1);
+        assert_eq!(mesh.bounds(), prism.bounds());
+    }
+
+    #[test]
+    fn an_upright_sheet_has_an_outline_too() {
+        let [a, b, c] = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 0.0, 5.0]].map(Point3::from);
+        let outline = structure(Shape::Mesh { triangles: vec![[a, b, c]] }).outlines();
+        assert!((outline.unsigned_area() - 10.1 * 0.1).abs() < 1e-9);
+    }
+
+    proptest! {
+        #[test]
+        fn inside_the_mesh_is_inside_the_prism(
+            base_m in prop_oneof![Just(0.0), 2.0..8.0f64],
+            x in -5.0..50.0f64, y in -5.0..30.0f64, z in 0.05..16.0f64,
+        ) {
+            let prism = structure(Shape::Prism { footprint: court(), base_m, top_m: 12.0 });
+            let mesh = structure(Shape::Mesh { triangles: prism.triangles() });
+            let point = Point3::new(x, y, z);
+            use geo::{Distance, Euclidean};
+            let off_walls = court().0.iter().all(|polygon| {
+                std::iter::once(polygon.exterior()).chain(polygon.interiors()).all(|ring| Euclidean.distance(&Point::new(x, y), ring) > 1e-3)
+            });
+            prop_assume!(off_walls && (z - base_m).abs() > 1e-3 && (z - 12.0).abs() > 1e-3);
+            prop_assert_eq!(prism.contains(&point), mesh.contains(&point));
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! What makes a path good: Eq. 4 to 6 in scale-free units.
+
+use nalgebra::Vector3;
+
+use crate::coverage::{CELLS, Information};
+use crate::settings::{ObjectiveSettings, Settings};
+
+/// Sums along a path from the root.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PathSums {
+    /// Union of all views, area-weighted: the sum of g* over the path (Eq. 2 and 3).
+    pub information: Information,
+    /// Sum of c_m (Eq. 4), m.
+    pub length_m: f64,
+    /// Sum of c_t (Eq. 5) over the inner waypoints, s.
+    pub turning_s: f64,
+}
+
+/// Eq. 6 with its weights resolved for one scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Objective {
+    settings: ObjectiveSettings,
+    /// Model units per unit of [`Information`].
+    scale: f64,
+    /// alpha_e times the length unit, m.
+    efficiency_m: f64,
+    /// E_e counts shorter paths as this long, m: G/L has no bound as L goes to 0, and the best path would have no length.
+    shortest_m: f64,
+}
+
+impl Objective {
+    /// `reference_area_m2` is the scene's exposed surface when it was loaded.
+    pub fn new(settings: &Settings, reference_area_m2: f64, neighbour_radius_m: f64) -> Self {
+        let settings = settings.objective.clone();
+        let reference_length_m = settings.reference_length_m * reference_area_m2 / settings.reference_area_m2;
+        // Information counts cells times mm^2. A sample of area a with all K cells covered has r = 100 %, and a scene of the
+        // reference area with a mean r of 1 % is worth `information_scale`.
+        let percent_per_square_metre = settings.information_scale / settings.reference_area_m2;
+        Self {
+            scale: percent_per_square_metre * 100.0 / (CELLS as f64 * 1e6),
+            efficiency_m: settings.eta * reference_length_m,
+            shortest_m: neighbour_radius_m,
+            settings,
+        }
+    }
+
+    /// E_g: information in model units.
+    pub fn gain(&self, information: Information) -> f64 {
+        information as f64 * self.scale
+    }
+
+    /// E of a path (Eq. 6).
+    pub fn value(&self, sums: &PathSums) -> f64 {
+        let gain = self.gain(sums.information);
+        let efficiency = gain / sums.length_m.max(self.shortest_m);
+        gain + self.efficiency_m * efficiency - self.settings.alpha_t * sums.turning_s
+    }
+
+    /// c_t of the turn from leg `before` to leg `after` (Eq. 5), s. A collinear waypoint is not free: 0.67 s.
+    pub fn turn_s(&self, before: &Vector3<f64>, after: &Vector3<f64>) -> f64 {
+        let from_hairpin = deviation_rad(before, after) - std::f64::consts::PI;
+        self.settings.turn_hairpin_s - self.settings.turn_curvature_s * from_hairpin * from_hairpin
+    }
+}
+
+/// Angle between two legs, 0 straight on to pi for a hairpin.
+fn deviation_rad(before: &Vector3<f64>, after: &Vector3<f64>) -> f64 {
+    libm::atan2(before.cross(after).norm(), before.dot(after))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn objective() -> Objective {
+        let settings = Settings::default();
+        Objective::new(&settings, settings.objective.reference_area_m2, 30.0)
+    }
+
+    #[test]
+    fn turning_times_are_those_of_the_field_experiment() {
+        let east = Vector3::x();
+        for (after, expected_s) in [(Vector3::x(), 0.67), (Vector3::y(), 1.855), (-Vector3::x(), 2.25)] {
+            assert!((objective().turn_s(&east, &after) - expected_s).abs() < 0.005, "{after:?}");
+        }
+    }
+
+    #[test]
+    fn the_reference_scene_wholly_covered_is_worth_eighty_a_percent() {
+        let settings = Settings::default();
+        let information = (settings.objective.reference_area_m2 * 1e6) as u64 * CELLS as u64;
+        assert!((objective().gain(information) - 80.0 * 100.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_path_of_no_length_is_not_infinitely_efficient() {
+        let tiny = PathSums { information: 1_000_000_000, length_m: 1e-9, turning_s: 0.0 };
+        let short = PathSums { length_m: 30.0, ..tiny };
+        assert_eq!(objective().value(&tiny), objective().value(&short));
+    }
+}

@@ -1,0 +1,190 @@
+//! What a search works on: the field of one snapshot seen through one rig.
+
+use nalgebra::Point3;
+use overfly_table::FieldTable;
+
+use super::objective::Objective;
+use crate::camera::{Pose, Rig};
+use crate::coverage::{DiskModel, Information, Mask, SampleFrame};
+use crate::field::Lookup;
+use crate::scene::free_space::FreeSpace;
+use crate::session::Snapshot;
+use crate::settings::{SearchSettings, Settings};
+
+/// Why a search could not start or go on.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SearchError {
+    #[error(
+        "no point of the free space can be reached from the start within {tries} tries: the start is walled in by structures, \
+         zones or limits"
+    )]
+    Unreachable { tries: u32 },
+}
+
+/// The planning problem of one snapshot, rig and objective.
+pub struct Problem<'a> {
+    pub field: FieldTable<'a>,
+    pub free: &'a FreeSpace,
+    pub rig: Rig,
+    pub objective: Objective,
+    pub settings: SearchSettings,
+    /// Least distance of two images, m.
+    pub image_spacing_m: f64,
+    /// Samples whose capture counts: exposed and within reach of the viewpoints together.
+    pub capturable: u32,
+    /// Capturable samples that a sufficient path captures: more than G percent of them.
+    pub sufficient: u32,
+    disks: &'a DiskModel,
+    lookup: &'a Lookup,
+    frames: Vec<SampleFrame>,
+}
+
+/// What a set of views covers: samples in ascending order with their masks.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Observations {
+    samples: Vec<u32>,
+    masks: Vec<Mask>,
+}
+
+/// Dense masks while observations are gathered, kept between uses so that nothing is allocated on the hot path.
+#[derive(Debug)]
+pub struct Scratch {
+    masks: Vec<Mask>,
+    touched: Vec<u32>,
+}
+
+impl<'a> Problem<'a> {
+    pub fn new(snapshot: &'a Snapshot, settings: &Settings, rig: Rig) -> Self {
+        let field = snapshot.field();
+        let threshold = field.facts.threshold_cells;
+        let capturable = field.ceilings.iter().filter(|&&cells| u32::from(cells) > threshold).count() as u32;
+        let enough = (f64::from(capturable) * settings.coverage.goal_percent / 100.0).floor() as u32 + 1;
+        let spacing = settings.search.image_spacing_m.max(settings.flight.cruise_speed_mps * settings.search.shutter_interval_s);
+        Self {
+            free: &snapshot.free,
+            rig,
+            objective: Objective::new(settings, field.facts.reference_area_m2, field.facts.neighbour_radius_m),
+            settings: settings.search.clone(),
+            image_spacing_m: spacing,
+            capturable,
+            sufficient: enough.min(capturable),
+            disks: &snapshot.disks,
+            lookup: &snapshot.lookup,
+            frames: frames(&field),
+            field,
+        }
+    }
+
+    pub fn scratch(&self) -> Scratch {
+        Scratch { masks: vec![0; self.frames.len()], touched: Vec::new() }
+    }
+
+    /// Whether the drone may fly straight from `a` to `b`: safe all the way, and long enough for an image at both ends.
+    pub fn can_fly(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        (b - a).norm() >= self.image_spacing_m && self.free.is_leg_safe(a, b)
+    }
+
+    /// What the views along the leg add to those at `from`: the viewpoints between the ends, and the one at `to` (section 4.2).
+    pub fn observe_leg(&self, from: &Pose, to: &Pose, scratch: &mut Scratch) -> Observations {
+        for pose in image_poses(from, to, self.image_spacing_m) {
+            self.observe(&pose, scratch);
+        }
+        scratch.take()
+    }
+
+    /// What a single view observes.
+    pub fn observe_pose(&self, pose: &Pose, scratch: &mut Scratch) -> Observations {
+        self.observe(pose, scratch);
+        scratch.take()
+    }
+
+    /// Adds the coverage disks of one view: visibility from the field, frustum and disk exactly at the pose.
+    fn observe(&self, pose: &Pose, scratch: &mut Scratch) {
+        let Some(nearest) = self.lookup.nearest_in_sight(&pose.position, &self.free.clearance) else {
+            return;
+        };
+        for (word_index, &word) in self.field.row(nearest).iter().enumerate() {
+            let mut rest = word;
+            while rest != 0 {
+                let i = word_index * 64 + rest.trailing_zeros() as usize;
+                rest &= rest - 1;
+                let frame = &self.frames[i];
+                if self.rig.frames(pose, &frame.position) {
+                    scratch.add(i as u32, self.disks.mask(frame, &pose.position));
+                }
+            }
+        }
+    }
+
+    /// Area-weighted cells that `seen` adds to `covered` (Eq. 2 over all samples).
+    pub fn gain(&self, covered: &[Mask], seen: &Observations) -> Information {
+        let area = |i: usize| self.field.samples[i].area_mm2;
+        seen.iter().map(|(i, mask)| u64::from((mask & !covered[i]).count_ones()) * area(i)).sum()
+    }
+
+    /// Adds `seen` to `covered`; returns the information gained and the capturable samples that crossed the threshold.
+    pub fn cover(&self, covered: &mut [Mask], seen: &Observations) -> (Information, u32) {
+        let threshold = self.field.facts.threshold_cells;
+        let (mut information, mut captured) = (0, 0);
+        for (i, mask) in seen.iter() {
+            let before = covered[i].count_ones();
+            covered[i] |= mask;
+            let after = covered[i].count_ones();
+            information += u64::from(after - before) * self.field.samples[i].area_mm2;
+            let capturable = u32::from(self.field.ceilings[i]) > threshold;
+            captured += u32::from(capturable && before <= threshold && after > threshold);
+        }
+        (information, captured)
+    }
+
+    /// Share of the capturable samples, percent.
+    pub fn coverage_percent(&self, captured: u32) -> f64 {
+        if self.capturable == 0 { 100.0 } else { 100.0 * f64::from(captured) / f64::from(self.capturable) }
+    }
+}
+
+impl Observations {
+    pub fn iter(&self) -> impl Iterator<Item = (usize, Mask)> + '_ {
+        self.samples.iter().map(|&i| i as usize).zip(self.masks.iter().copied())
+    }
+}
+
+impl Scratch {
+    fn add(&mut self, i: u32, mask: Mask) {
+        if mask == 0 {
+            return;
+        }
+        let held = &mut self.masks[i as usize];
+        if *held == 0 {
+            self.touched.push(i);
+        }
+        *held |= mask;
+    }
+
+    /// Empties the scratch into observations.
+    fn take(&mut self) -> Observations {
+        self.touched.sort_unstable();
+        let masks = self.touched.iter().map(|&i| std::mem::take(&mut self.masks[i as usize])).collect();
+        let samples = self.touched.clone();
+        self.touched.clear();
+        Observations { samples, masks }
+    }
+}
+
+/// The images of a leg without the one at its start: evenly spaced, at least `spacing_m` apart, the last one at the end. The
+/// viewpoints along an edge ARE the images of the flight.
+pub fn image_poses(from: &Pose, to: &Pose, spacing_m: f64) -> impl Iterator<Item = Pose> + use<> {
+    let leg = to.position - from.position;
+    let count = ((leg.norm() / spacing_m).floor() as usize).max(1);
+    let (start, end) = (*from, *to);
+    (1..=count).map(move |k| {
+        if k == count {
+            return end;
+        }
+        Pose { position: start.position + leg * (k as f64 / count as f64), direction: end.direction }
+    })
+}
+
+fn frames(field: &FieldTable) -> Vec<SampleFrame> {
+    field.samples.iter().map(|row| SampleFrame::new(row.position_m.into(), row.normal.into())).collect()
+}

@@ -1,0 +1,217 @@
+//! Algorithms 2 to 5 of the paper, line by line.
+
+use std::collections::VecDeque;
+
+use nalgebra::{Point3, Vector3};
+use rand_chacha::ChaCha8Rng;
+use rand_core::{Rng, SeedableRng};
+
+use super::outcome::Outcome;
+use super::problem::{Problem, SearchError};
+use super::tree::{Node, Tree};
+use crate::camera::Pose;
+use crate::planner::{Progress, StopToken};
+use crate::trajectory::plan::{Iteration, StopReason};
+
+/// Random positions that are tried before the start counts as walled in.
+const SAMPLE_TRIES: u32 = 20_000;
+
+/// Algorithm 2, Trajectory Planning. One seed gives one path, bit for bit.
+pub fn search(
+    problem: &Problem,
+    start: Pose,
+    iterations: u32,
+    seed: u64,
+    stop: &StopToken,
+    on_progress: &mut dyn FnMut(&Progress),
+) -> Result<Outcome, SearchError> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    // Alg. 2: "Initialize random tree T with w_start as its root node".
+    let mut tree = Tree::new(problem, start);
+    let mut best = Best::of(problem, &tree);
+    let mut convergence = Vec::with_capacity(iterations as usize);
+    let mut reason = StopReason::IterationsUsed;
+    // Alg. 2: "while percentage of surface points [...] is <= G and # iterations of this while loop is < K".
+    for iteration in 1..=iterations {
+        if best.is_sufficient(problem) {
+            reason = StopReason::GoalReached;
+            break;
+        }
+        if stop.is_stopped() {
+            reason = StopReason::Cancelled;
+            break;
+        }
+        expand(problem, &mut tree, &mut random, stop)?;
+        if iteration % problem.settings.root_rewire_every.max(1) == 0 {
+            // Alg. 2: "if every 50 iterations then Rewire_Tree(T, w_start)".
+            rewire_tree(problem, &mut tree, 0, stop);
+        }
+        best.improve(problem, &tree);
+        convergence.push(best.record(problem));
+        on_progress(&best.progress(problem, iteration, iterations));
+    }
+    if reason == StopReason::IterationsUsed && best.is_sufficient(problem) {
+        reason = StopReason::GoalReached;
+    }
+    Ok(Outcome { path: best.path, convergence, stop: reason })
+}
+
+/// One pass through the body of Algorithm 2.
+fn expand(problem: &Problem, tree: &mut Tree, random: &mut ChaCha8Rng, stop: &StopToken) -> Result<(), SearchError> {
+    // "w_new <- Random_Sample(F, T)".
+    let (pose, reachable_from) = random_sample(problem, tree, random)?;
+    let new = tree.add(pose);
+    // "N <- Find_Neighbors(T, w_new)".
+    let neighbours = find_neighbours(problem, tree, new);
+    let mut parent = None;
+    for n in neighbours {
+        // "w_p <- Find the node in N that maximizes Eq. (6) for trajectory {w_start, ..., w_p, w_new}".
+        let Some(objective) = tree.objective_through(n, new) else { continue };
+        if parent.is_none_or(|(_, best)| objective > best) {
+            parent = Some((n, objective));
+        }
+    }
+    // "if N is empty then w_p <- Find the node in T that is nearest to w_new and reachable to w_new".
+    let parent = parent.map_or(reachable_from, |(n, _)| n);
+    // "Connect w_new to T by setting w_p as w_new's parent".
+    tree.connect(parent, new);
+    // "Rewire_Tree(T, w_new)".
+    rewire_tree(problem, tree, new, stop);
+    Ok(())
+}
+
+/// Algorithm 3, Random_Sample. Returns the location and the nearest node that it can be reached from.
+fn random_sample(problem: &Problem, tree: &Tree, random: &mut ChaCha8Rng) -> Result<(Pose, usize), SearchError> {
+    for _ in 0..SAMPLE_TRIES {
+        // "w_new <- randomize a location in F": a viewpoint of the field, anywhere in its lattice cell.
+        let position = randomise(problem, random);
+        if !problem.free.is_safe(&position) {
+            continue;
+        }
+        // "if w_new is reachable from any node in T through the free space without hitting or getting close to the proxy".
+        let mut nodes: Vec<(f64, usize)> = (0..tree.nodes.len()).map(|n| (distance(&tree.nodes[n], &position), n)).collect();
+        nodes.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        if let Some(&(_, nearest)) = nodes.iter().find(|&&(_, n)| problem.can_fly(&tree.nodes[n].pose.position, &position)) {
+            return Ok((Pose { position, direction: None }, nearest));
+        }
+    }
+    Err(SearchError::Unreachable { tries: SAMPLE_TRIES })
+}
+
+/// Algorithm 4, Find_Neighbors: nodes within the neighbour radius of `w` that the drone can fly to and from.
+fn find_neighbours(problem: &Problem, tree: &mut Tree, w: usize) -> Vec<usize> {
+    let (position, radius) = (tree.nodes[w].pose.position, problem.field.facts.neighbour_radius_m);
+    // "N <- find nodes in T within a radius of 10% scene size from w".
+    let near: Vec<usize> = (0..tree.nodes.len()).filter(|&n| n != w && distance(&tree.nodes[n], &position) <= radius).collect();
+    // "if w is not reachable from n [...] then N <- N - n".
+    near.into_iter().filter(|&n| tree.can_fly(n, w)).collect()
+}
+
+/// Algorithm 5, Rewire_Tree. The time budget counts reconnections, with a cap on the nodes that are looked at.
+fn rewire_tree(problem: &Problem, tree: &mut Tree, start: usize, stop: &StopToken) {
+    // "queue Q <- w".
+    let mut queue = VecDeque::from([start]);
+    let (mut reconnections, mut pops) = (0, 0);
+    // "while Q is not empty & within time budget do w <- Pop_Front(Q)".
+    while let Some(w) = queue.pop_front() {
+        pops += 1;
+        if pops > problem.settings.rewire_pops || stop.is_stopped() {
+            return;
+        }
+        // "N <- Find_Neighbors(T, w) - Find_Ancestors(w)": an ancestor below its own descendant would close a loop.
+        let neighbours = find_neighbours(problem, tree, w);
+        for n in neighbours {
+            if tree.is_ancestor(n, w) || tree.nodes[n].parent == Some(w) {
+                continue;
+            }
+            // "Try to connect w_i to w"; "if E({w_start, ..., w_i}) increases after the reconnection then".
+            let Some(objective) = tree.objective_through(w, n) else { continue };
+            if objective <= tree.nodes[n].objective {
+                continue;
+            }
+            if reconnections == problem.settings.rewirings {
+                return;
+            }
+            // "Set w as w_i's parent; Push w_i to Q".
+            tree.connect(w, n);
+            queue.push_back(n);
+            reconnections += 1;
+        }
+    }
+}
+
+fn randomise(problem: &Problem, random: &mut ChaCha8Rng) -> Point3<f64> {
+    let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+    let viewpoints = problem.field.viewpoints;
+    let index = ((uniform() * viewpoints.len() as f64) as usize).min(viewpoints.len() - 1);
+    let offset = Vector3::new(uniform() - 0.5, uniform() - 0.5, uniform() - 0.5);
+    Point3::from(viewpoints[index].position_m) + offset * problem.field.facts.lattice_spacing_m
+}
+
+fn distance(node: &Node, position: &Point3<f64>) -> f64 {
+    (node.pose.position - position).norm()
+}
+
+/// The best path that any iteration has seen: sufficient paths before others, these by E; the others by coverage, then by E.
+///
+/// It is kept as positions, because later rewiring may take it out of the tree again.
+struct Best {
+    path: Vec<Pose>,
+    captured: u32,
+    objective: f64,
+    length_m: f64,
+    turning_s: f64,
+}
+
+impl Best {
+    fn of(problem: &Problem, tree: &Tree) -> Self {
+        let mut best = Self { path: Vec::new(), captured: 0, objective: f64::NEG_INFINITY, length_m: 0.0, turning_s: 0.0 };
+        best.take(tree, 0);
+        best.improve(problem, tree);
+        best
+    }
+
+    fn is_sufficient(&self, problem: &Problem) -> bool {
+        self.captured >= problem.sufficient
+    }
+
+    /// Alg. 2: "S <- Find trajectories in T with sufficient coverage; T_best <- the trajectory in S that maximizes Eq. (6)".
+    fn improve(&mut self, problem: &Problem, tree: &Tree) {
+        let rank = |captured: u32, objective: f64| (captured.min(problem.sufficient), objective);
+        let candidate = (0..tree.nodes.len())
+            .map(|n| (rank(tree.nodes[n].captured, tree.nodes[n].objective), n))
+            .max_by(|(a, i), (b, j)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(j.cmp(i)));
+        if let Some((rank_found, node)) = candidate
+            && rank_found > rank(self.captured, self.objective)
+        {
+            self.take(tree, node);
+        }
+    }
+
+    fn take(&mut self, tree: &Tree, node: usize) {
+        self.path = tree.path_up(node).map(|n| tree.nodes[n].pose).collect();
+        self.path.reverse();
+        let node = &tree.nodes[node];
+        (self.captured, self.objective) = (node.captured, node.objective);
+        (self.length_m, self.turning_s) = (node.sums.length_m, node.sums.turning_s);
+    }
+
+    fn record(&self, problem: &Problem) -> Iteration {
+        Iteration {
+            objective: self.objective,
+            coverage_percent: problem.coverage_percent(self.captured),
+            length_m: self.length_m,
+            turning_s: self.turning_s,
+        }
+    }
+
+    fn progress(&self, problem: &Problem, iteration: u32, iterations: u32) -> Progress {
+        Progress {
+            iteration,
+            iterations,
+            coverage_percent: problem.coverage_percent(self.captured),
+            length_m: self.length_m,
+            objective: self.objective,
+        }
+    }
+}

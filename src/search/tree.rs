@@ -1,0 +1,139 @@
+//! The random tree: nodes in an arena, each with the sums and the coverage of its path from the root.
+
+use std::collections::HashMap;
+
+use super::objective::PathSums;
+use super::problem::{Observations, Problem, Scratch};
+use crate::camera::Pose;
+use crate::coverage::Mask;
+
+/// A candidate waypoint.
+#[derive(Clone, Debug)]
+pub struct Node {
+    pub pose: Pose,
+    pub parent: Option<usize>,
+    pub children: Vec<usize>,
+    pub sums: PathSums,
+    /// E of the path from the root (Eq. 6).
+    pub objective: f64,
+    /// Capturable samples above the threshold on the path.
+    pub captured: u32,
+    /// Union of all views on the path, sample by sample.
+    pub covered: Vec<Mask>,
+}
+
+/// The tree T with the legs that were looked at so far.
+pub struct Tree<'p, 'a> {
+    problem: &'p Problem<'a>,
+    pub nodes: Vec<Node>,
+    /// What a leg adds, by its start and end node; `None` where the drone cannot fly.
+    legs: HashMap<(usize, usize), Option<Observations>>,
+    scratch: Scratch,
+}
+
+impl<'p, 'a> Tree<'p, 'a> {
+    /// A tree of the root alone, which takes an image.
+    pub fn new(problem: &'p Problem<'a>, root: Pose) -> Self {
+        let mut scratch = problem.scratch();
+        let mut covered = vec![0; problem.field.samples.len()];
+        let (information, captured) = problem.cover(&mut covered, &problem.observe_pose(&root, &mut scratch));
+        let sums = PathSums { information, ..Default::default() };
+        let objective = problem.objective.value(&sums);
+        let root = Node { pose: root, parent: None, children: Vec::new(), sums, objective, captured, covered };
+        Self { problem, nodes: vec![root], legs: HashMap::new(), scratch }
+    }
+
+    /// Adds a node without a parent; [`Tree::connect`] follows.
+    pub fn add(&mut self, pose: Pose) -> usize {
+        self.nodes.push(Node {
+            pose,
+            parent: None,
+            children: Vec::new(),
+            sums: PathSums::default(),
+            objective: f64::NEG_INFINITY,
+            captured: 0,
+            covered: Vec::new(),
+        });
+        self.nodes.len() - 1
+    }
+
+    /// Whether the drone can fly between two nodes, in either direction.
+    pub fn can_fly(&mut self, from: usize, to: usize) -> bool {
+        self.leg(from, to).is_some()
+    }
+
+    /// E of the path to `parent` continued to `child`; `None` where the drone cannot fly there.
+    pub fn objective_through(&mut self, parent: usize, child: usize) -> Option<f64> {
+        self.leg(parent, child)?;
+        let seen = self.legs[&(parent, child)].as_ref()?;
+        let gain = self.problem.gain(&self.nodes[parent].covered, seen);
+        let mut sums = self.sums_with_leg(parent, child);
+        sums.information += gain;
+        Some(self.problem.objective.value(&sums))
+    }
+
+    /// Makes `parent` the parent of `child` and brings the whole subtree of `child` up to date. The drone must be able to fly the leg.
+    pub fn connect(&mut self, parent: usize, child: usize) {
+        if let Some(old) = self.nodes[child].parent.replace(parent) {
+            self.nodes[old].children.retain(|&c| c != child);
+        }
+        self.nodes[parent].children.push(child);
+        let mut stack = vec![child];
+        while let Some(node) = stack.pop() {
+            self.update(node);
+            stack.extend_from_slice(&self.nodes[node].children);
+        }
+    }
+
+    /// Whether `candidate` lies on the path from the root to `node`, which belongs to its own path.
+    pub fn is_ancestor(&self, candidate: usize, node: usize) -> bool {
+        self.path_up(node).any(|ancestor| ancestor == candidate)
+    }
+
+    /// The nodes from `node` up to the root, both included.
+    pub fn path_up(&self, node: usize) -> impl Iterator<Item = usize> + '_ {
+        std::iter::successors(Some(node), |&n| self.nodes[n].parent)
+    }
+
+    /// Recomputes a node's path state from its parent's.
+    fn update(&mut self, node: usize) {
+        let parent = self.nodes[node].parent.expect("the root is never updated");
+        let mut covered = std::mem::take(&mut self.nodes[node].covered);
+        covered.clone_from(&self.nodes[parent].covered);
+        self.leg(parent, node);
+        let seen = self.legs[&(parent, node)].as_ref().expect("only legs that can be flown are connected");
+        let (gain, captured) = self.problem.cover(&mut covered, seen);
+        let mut sums = self.sums_with_leg(parent, node);
+        sums.information += gain;
+        let captured = self.nodes[parent].captured + captured;
+        let objective = self.problem.objective.value(&sums);
+        let entry = &mut self.nodes[node];
+        (entry.covered, entry.sums, entry.captured, entry.objective) = (covered, sums, captured, objective);
+    }
+
+    /// Length and turning of the path to `parent` continued to `child`, with the information of `parent`.
+    fn sums_with_leg(&self, parent: usize, child: usize) -> PathSums {
+        let from = &self.nodes[parent];
+        let leg = self.nodes[child].pose.position - from.pose.position;
+        let mut sums = from.sums;
+        sums.length_m += leg.norm();
+        if let Some(before) = from.parent {
+            let arriving = from.pose.position - self.nodes[before].pose.position;
+            sums.turning_s += self.problem.objective.turn_s(&arriving, &leg);
+        }
+        sums
+    }
+
+    fn leg(&mut self, from: usize, to: usize) -> Option<&Observations> {
+        let (a, b) = (self.nodes[from].pose, self.nodes[to].pose);
+        let (problem, scratch) = (self.problem, &mut self.scratch);
+        let back_is_blocked = matches!(self.legs.get(&(to, from)), Some(None));
+        self.legs
+            .entry((from, to))
+            .or_insert_with(|| {
+                let flies = !back_is_blocked && problem.can_fly(&a.position, &b.position);
+                flies.then(|| problem.observe_leg(&a, &b, scratch))
+            })
+            .as_ref()
+    }
+}

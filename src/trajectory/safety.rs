@@ -1,0 +1,35 @@
+//! The final safety check: no plan is published whose curve leaves the safe space anywhere.
+
+use nalgebra::Point3;
+
+use crate::scene::free_space::{FreeSpace, Obstruction};
+
+/// A leg or waypoint that is not safe.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum UnsafeCurve {
+    #[error("waypoint {index} at ({position}) is not safe: {cause}")]
+    Waypoint { index: usize, position: String, cause: Obstruction },
+    #[error("the leg from waypoint {from} to the next is not safe: {cause}")]
+    Leg { from: usize, cause: Obstruction },
+}
+
+/// Checks every waypoint and the whole of every leg; returns the smallest distance of the curve to a structure or to the ground, m.
+pub fn check(curve: &[Point3<f64>], free: &FreeSpace) -> Result<f64, UnsafeCurve> {
+    for (index, p) in curve.iter().enumerate() {
+        if let Some(cause) = free.obstruction_at(p) {
+            return Err(UnsafeCurve::Waypoint { index, position: format!("{:.1}, {:.1}, {:.1}", p.x, p.y, p.z), cause });
+        }
+    }
+    for (from, leg) in curve.windows(2).enumerate() {
+        if let Some(cause) = free.obstruction_between(&leg[0], &leg[1]) {
+            return Err(UnsafeCurve::Leg { from, cause });
+        }
+    }
+    Ok(least_distance_m(curve, free))
+}
+
+fn least_distance_m(curve: &[Point3<f64>], free: &FreeSpace) -> f64 {
+    let ground = curve.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+    let first = curve.first().map_or(ground, |p| free.clearance.point_distance_m(p, ground));
+    curve.windows(2).fold(first, |least, leg| free.clearance.segment_distance_m(&leg[0], &leg[1], least))
+}

@@ -1,0 +1,129 @@
+//! The kernels that the field, the search and the replan spend their time in, on a generated block of NY-1's size.
+//!
+//! `cargo bench` runs them all side by side; compare rows of one run only, the machine may be shared.
+
+use std::sync::{Arc, LazyLock};
+
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use nalgebra::{Point3, Vector3};
+use overfly::camera::{Pose, Rig};
+use overfly::coverage::{DiskModel, SampleFrame};
+use overfly::planner::{PlanOptions, StopToken, plan};
+use overfly::scene::{generate_block, ny1_size};
+use overfly::search::Problem;
+use overfly::session::{Session, Snapshot};
+use overfly::settings::Settings;
+use overfly_table::Block;
+
+fn main() {
+    divan::main();
+}
+
+static SETTINGS: LazyLock<Settings> = LazyLock::new(|| {
+    let mut settings = Settings::default();
+    settings.surface.samples = 1600;
+    settings.field.viewpoints = 2000;
+    settings
+});
+static SESSION: LazyLock<Session> = LazyLock::new(|| {
+    let scene = generate_block(&ny1_size());
+    Session::new(scene, Arc::new(SETTINGS.clone()), &StopToken::default()).expect("a generated block can be surveyed")
+});
+static SNAPSHOT: LazyLock<Snapshot> = LazyLock::new(|| {
+    let stop = StopToken::default();
+    SESSION.survey(&stop).and_then(|survey| survey.into_snapshot(&stop)).expect("nobody stops it")
+});
+
+/// Pairs of a viewpoint and a sample that it faces within range, grouped by viewpoint.
+fn sight_lines() -> Vec<(Point3<f64>, Point3<f64>)> {
+    let (field, disks) = (SNAPSHOT.field(), DiskModel::new(&SETTINGS.coverage));
+    let mut lines = Vec::new();
+    for viewpoint in field.viewpoints.iter().step_by(97) {
+        let view = Point3::from(viewpoint.position_m);
+        for row in field.samples.iter().filter(|row| row.exposed == 1) {
+            let (position, normal) = (Point3::from(row.position_m), Vector3::from(row.normal));
+            if disks.faces(&SampleFrame::new(position, normal), &view) {
+                lines.push((view, position + normal * SETTINGS.surface.exposure_offset_m));
+            }
+        }
+    }
+    lines
+}
+
+/// Legs of 20 to 45 m between viewpoints.
+fn legs() -> Vec<(Pose, Pose)> {
+    let poses: Vec<Pose> =
+        SNAPSHOT.field().viewpoints.iter().map(|row| Pose { position: row.position_m.into(), direction: None }).collect();
+    let near = |a: &Pose, b: &Pose| (20.0..45.0).contains(&(a.position - b.position).norm());
+    let pairs = poses.iter().step_by(41).filter_map(|a| poses.iter().find(|b| near(a, b)).map(|b| (*a, *b)));
+    pairs.collect()
+}
+
+#[divan::bench]
+fn occlusion_rays(bencher: Bencher) {
+    let lines = sight_lines();
+    let clearance = &SNAPSHOT.free.clearance;
+    bencher
+        .counter(ItemsCount::new(lines.len()))
+        .bench_local(|| lines.iter().filter(|(a, b)| clearance.occluded(black_box(a), black_box(b))).count());
+}
+
+#[divan::bench]
+fn leg_safety(bencher: Bencher) {
+    let legs = legs();
+    bencher
+        .counter(ItemsCount::new(legs.len()))
+        .bench_local(|| legs.iter().filter(|(a, b)| SNAPSHOT.free.is_leg_safe(&a.position, &b.position)).count());
+}
+
+#[divan::bench]
+fn nearest_viewpoint_in_sight(bencher: Bencher) {
+    let queries: Vec<_> = legs().iter().map(|(a, b)| nalgebra::center(&a.position, &b.position)).collect();
+    bencher
+        .counter(ItemsCount::new(queries.len()))
+        .bench_local(|| queries.iter().filter_map(|p| SNAPSHOT.lookup.nearest_in_sight(p, &SNAPSHOT.free.clearance)).count());
+}
+
+#[divan::bench]
+fn coverage_masks_of_a_leg(bencher: Bencher) {
+    let problem = Problem::new(&SNAPSHOT, &SETTINGS, Rig::Panoramic);
+    let legs = legs();
+    let mut scratch = problem.scratch();
+    bencher
+        .counter(ItemsCount::new(legs.len()))
+        .bench_local(|| legs.iter().map(|(a, b)| problem.observe_leg(a, b, &mut scratch).iter().count()).sum::<usize>());
+}
+
+#[divan::bench]
+fn information_gain_of_a_leg(bencher: Bencher) {
+    let problem = Problem::new(&SNAPSHOT, &SETTINGS, Rig::Panoramic);
+    let mut scratch = problem.scratch();
+    let seen: Vec<_> = legs().iter().map(|(a, b)| problem.observe_leg(a, b, &mut scratch)).collect();
+    let mut covered = vec![0; problem.field.samples.len()];
+    seen.iter().step_by(2).for_each(|seen| {
+        problem.cover(&mut covered, seen);
+    });
+    bencher
+        .counter(ItemsCount::new(seen.len()))
+        .bench_local(|| seen.iter().map(|seen| problem.gain(black_box(&covered), seen)).sum::<u64>());
+}
+
+#[divan::bench(sample_count = 20)]
+fn survey() -> usize {
+    SESSION.survey(&StopToken::default()).expect("nobody stops it").blocks()
+}
+
+#[divan::bench(sample_count = 20)]
+fn field_build(bencher: Bencher) {
+    let survey = SESSION.survey(&StopToken::default()).expect("nobody stops it");
+    let mut blocks = vec![Block::ZERO; survey.blocks()];
+    bencher.bench_local(|| survey.build(&mut blocks, &StopToken::default()));
+}
+
+#[divan::bench(sample_count = 10, args = [100, 400, 1000])]
+fn plan_by_tree_search(iterations: u32) -> usize {
+    let options =
+        PlanOptions { rig: "panoramic".into(), method: "paper".into(), seed: 1, iterations: Some(iterations), start_m: None };
+    plan(&SNAPSHOT, &SETTINGS, &options, &StopToken::default(), &mut |_| {}).expect("the block can be flown").images.len()
+}

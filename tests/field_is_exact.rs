@@ -1,0 +1,137 @@
+//! The field against brute force, and after edits against a field built from the edited scene.
+
+mod support;
+
+use nalgebra::{Point3, Vector3};
+use overfly::coverage::{DiskModel, SampleFrame};
+use overfly::scene::edit::Edit;
+use overfly::scene::{Scene, StructureId, Triangle};
+use overfly_table::FieldTable;
+use proptest::prelude::*;
+use support::{session, small_block, small_settings, snapshot};
+
+/// Whether the open segment meets a triangle: plane first, then the corner's areas. Written differently from the planner's own
+/// test on purpose.
+fn crosses(a: &Point3<f64>, b: &Point3<f64>, triangle: &Triangle) -> bool {
+    let normal = (triangle[1] - triangle[0]).cross(&(triangle[2] - triangle[0]));
+    let (side_a, side_b) = (normal.dot(&(a - triangle[0])), normal.dot(&(b - triangle[0])));
+    if side_a * side_b >= 0.0 {
+        return false;
+    }
+    let hit = a + (b - a) * (side_a / (side_a - side_b));
+    let inside = |p: usize, q: usize| (triangle[q] - triangle[p]).cross(&(hit - triangle[p])).dot(&normal) >= 0.0;
+    inside(0, 1) && inside(1, 2) && inside(2, 0)
+}
+
+fn triangles(scene: &Scene) -> Vec<Triangle> {
+    scene.structures.iter().flat_map(|structure| structure.triangles()).collect()
+}
+
+fn bit(field: &FieldTable, viewpoint: usize, sample: usize) -> bool {
+    field.row(viewpoint)[sample / 64] >> (sample % 64) & 1 == 1
+}
+
+#[test]
+fn visibility_bits_and_ceilings_agree_with_every_ray_against_every_triangle() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(3), &settings));
+    let (field, triangles) = (snapshot.field(), triangles(&snapshot.scene));
+    let disks = DiskModel::new(&settings.coverage);
+    let mut seen = 0;
+    for (i, row) in field.samples.iter().enumerate() {
+        let sample = SampleFrame::new(row.position_m.into(), row.normal.into());
+        let end = sample.position + sample.normal * settings.surface.exposure_offset_m;
+        let mut union = 0u128;
+        for (j, viewpoint) in field.viewpoints.iter().enumerate() {
+            let view = Point3::from(viewpoint.position_m);
+            let visible = row.exposed == 1 && disks.faces(&sample, &view) && !triangles.iter().any(|t| crosses(&view, &end, t));
+            assert_eq!(bit(&field, j, i), visible, "viewpoint {j} and sample {i}");
+            if visible {
+                union |= disks.mask(&sample, &view);
+                seen += 1;
+            }
+        }
+        assert_eq!(u32::from(field.ceilings[i]), union.count_ones(), "ceiling of sample {i}");
+    }
+    assert!(seen > 1000, "the test compares something: {seen} visible pairs");
+}
+
+#[test]
+fn samples_lie_on_their_structures_and_their_areas_add_up() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(4), &settings));
+    let field = snapshot.field();
+    for (structure, row) in snapshot.scene.structures.iter().zip(field.structures) {
+        let own = &field.samples[row.first_sample as usize..(row.first_sample + row.samples) as usize];
+        let area: f64 = structure.triangles().iter().map(|[a, b, c]| (b - a).cross(&(c - a)).norm() / 2.0).sum();
+        let sampled: f64 = own.iter().map(|sample| sample.area_mm2 as f64 / 1e6).sum();
+        assert!((sampled / area - 1.0).abs() < 1e-3, "{}: {sampled} of {area} m^2", structure.name);
+        for sample in own {
+            let (p, n) = (Point3::from(sample.position_m), Vector3::from(sample.normal));
+            assert!(!structure.contains(&(p + n * 0.05)) && structure.contains(&(p - n * 0.05)), "{}: {p} {n}", structure.name);
+        }
+    }
+    let exposed = field.samples.iter().filter(|sample| sample.exposed == 1).count() as f64;
+    assert!((exposed / f64::from(settings.surface.samples) - 1.0).abs() < 0.1, "{exposed} exposed samples");
+}
+
+fn edits(scene: &Scene) -> impl Strategy<Value = Vec<Edit>> + use<> {
+    let ids: Vec<StructureId> = scene.structures.iter().map(|structure| structure.id).collect();
+    let id = proptest::sample::select(ids);
+    let edit = (id, 0..4u8, 1.0..20.0f64, -8.0..8.0f64).prop_map(|(id, kind, up_m, aside_m)| match kind {
+        0 => Edit::Raise { id, by_m: up_m },
+        1 => Edit::Lower { id, by_m: up_m.min(3.0) },
+        2 => Edit::Move { id, by_m: [aside_m, up_m - 10.0] },
+        _ => Edit::Remove { id },
+    });
+    proptest::collection::vec(edit, 1..4)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+    #[test]
+    fn a_field_after_edits_is_the_field_of_the_edited_scene_bit_for_bit(edits in edits(&small_block(5))) {
+        let settings = small_settings();
+        let mut edited = session(small_block(5), &settings);
+        let pristine = edited.clone();
+        // Intermediate revisions are surveyed too, as in the daemon: nothing of them may leak into the last one.
+        for edit in &edits {
+            if edited.apply(edit).is_ok() {
+                snapshot(&edited);
+            }
+        }
+        let rebuilt = pristine.with_scene((**edited.scene()).clone(), edited.revision());
+        let (edited, rebuilt) = (snapshot(&edited), snapshot(&rebuilt));
+        prop_assert_eq!(edited.storage().blocks(), rebuilt.storage().blocks());
+        let plan = |snapshot| overfly::planner::plan(snapshot, &settings, &support::options(1, 40), &Default::default(), &mut |_| {});
+        prop_assert_eq!(plan(&edited), plan(&rebuilt), "a cold replan is a cold plan of the edited scene");
+    }
+
+    #[test]
+    fn an_edit_moves_no_sample_of_another_structure_and_no_viewpoint_far_away(edits in edits(&small_block(6))) {
+        let settings = small_settings();
+        let mut session = session(small_block(6), &settings);
+        let before = snapshot(&session);
+        let Ok(dirty) = session.apply(&edits[0]) else { return Ok(()) };
+        let after = snapshot(&session);
+        let key = |row: &overfly_table::field::SampleRow| (row.position_m, row.normal, row.area_mm2);
+        let samples = |table: &FieldTable, id: u64| {
+            let row = table.structures.iter().find(|row| row.id == id)?;
+            Some(table.samples[row.first_sample as usize..][..row.samples as usize].iter().map(key).collect::<Vec<_>>())
+        };
+        for (old, new) in before.scene.structures.iter().filter_map(|old| {
+            after.scene.structures.iter().find(|new| new.id == old.id).map(|new| (old, new))
+        }) {
+            if old == new {
+                prop_assert_eq!(samples(&before.field(), old.id.0), samples(&after.field(), old.id.0));
+            }
+        }
+        let reach = settings.field.shell_m + 1.0;
+        let far = |p: &[f64; 3]| (0..3).any(|i| p[i] < dirty.min[i] - reach || p[i] > dirty.max[i] + reach);
+        let limits = |p: &[f64; 3]| before.free.limits.contains(&Point3::from(*p)) && after.free.limits.contains(&Point3::from(*p));
+        let distant = |table: &FieldTable| {
+            table.viewpoints.iter().map(|row| row.position_m).filter(|p| far(p) && limits(p)).collect::<Vec<_>>()
+        };
+        prop_assert_eq!(distant(&before.field()), distant(&after.field()));
+    }
+}

@@ -1,0 +1,48 @@
+//! What several tests need: generated scenes and their snapshots.
+#![allow(dead_code, reason = "each test uses its own part of this module")]
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use overfly::planner::{PlanOptions, StopToken};
+use overfly::scene::{BlockSettings, Scene, generate_block};
+use overfly::session::{Session, Snapshot};
+use overfly::settings::Settings;
+
+/// A block of about nine buildings on 130 m, small enough for brute force.
+pub fn small_block(seed: u64) -> Scene {
+    generate_block(&BlockSettings { seed, extent_m: [130.0, 130.0], buildings: 9, ..Default::default() })
+}
+
+/// Settings with few samples and viewpoints.
+pub fn small_settings() -> Settings {
+    let mut settings = Settings::default();
+    settings.surface.samples = 150;
+    settings.field.viewpoints = 200;
+    settings
+}
+
+pub fn session(scene: Scene, settings: &Settings) -> Session {
+    Session::new(scene, Arc::new(settings.clone()), &StopToken::default()).expect("a generated block can be surveyed")
+}
+
+pub fn snapshot(session: &Session) -> Snapshot {
+    let stop = StopToken::default();
+    session.survey(&stop).and_then(|survey| survey.into_snapshot(&stop)).expect("nobody stops the survey")
+}
+
+pub fn options(seed: u64, iterations: u32) -> PlanOptions {
+    PlanOptions { rig: "panoramic".into(), method: "paper".into(), seed, iterations: Some(iterations), start_m: None }
+}
+
+/// A real scene's file, or `None` with a line that says that the test was skipped.
+pub fn real_scene(path: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("OVERFLY_SCENES")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/scenes"), PathBuf::from);
+    let file = folder.join(path);
+    if file.exists() {
+        return Some(file);
+    }
+    println!("skipped: no real scene at {} (set OVERFLY_SCENES)", file.display());
+    None
+}

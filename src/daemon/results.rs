@@ -142,7 +142,7 @@ impl Daemon {
         let slot = self.scenes.get(scene).ok_or_else(gone)?;
         let held = Arc::new(slot.channel.publish(filled, header)?);
         let field_bytes = std::mem::size_of_val(crate::session::FieldStorage::blocks(&*held)) as u64;
-        let snapshot = survey.snapshot(held);
+        let snapshot = survey.snapshot(held)?;
         let figures = FieldFigures::of(&snapshot.field());
         Ok(Current { session, snapshot, epoch, field_bytes, figures })
     }

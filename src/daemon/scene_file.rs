@@ -3,10 +3,11 @@
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
+use std::time::Instant;
 
 use overfly_wire::{Refusal, RefusalCode};
 
-use crate::scene::Scene;
+use crate::scene::{self, Scene};
 use crate::settings::ProxySettings;
 
 /// A scene that was read, and what its repairs were.
@@ -36,7 +37,13 @@ pub fn read_path(path: &Path, max_bytes: u64, settings: &ProxySettings) -> Resul
     read_bytes(&path.to_string_lossy(), &bytes, settings)
 }
 
-/// Reads the content of a file; `file_name` tells its format.
-pub fn read_bytes(_file_name: &str, _bytes: &[u8], _settings: &ProxySettings) -> Result<SceneFile, Refusal> {
-    Err(Refusal::new(RefusalCode::Import, "no reader"))
+/// Reads the content of a file; `file_name` names the scene and helps to tell its format.
+pub fn read_bytes(file_name: &str, bytes: &[u8], settings: &ProxySettings) -> Result<SceneFile, Refusal> {
+    let started = Instant::now();
+    let (scene, report) =
+        scene::read::read(file_name, bytes, settings).map_err(|error| Refusal::new(RefusalCode::Import, error.to_string()))?;
+    let report_json = serde_json::to_string(&report)
+        .map_err(|error| Refusal::new(RefusalCode::Internal, format!("the import report cannot be written: {error}")))?;
+    let report_lines = report.summary().lines().map(str::to_owned).collect();
+    Ok(SceneFile { scene, report_json, report_lines, read_s: started.elapsed().as_secs_f64() })
 }

@@ -117,9 +117,8 @@ fn of_several_edits_only_the_newest_is_planned() {
     load(&client, "block");
     client.plan("block", &quick(), &mut |_| {}).unwrap();
     let structure = client.structures("block").unwrap()[0].name.clone();
-    let edits: Vec<_> = (0..5)
-        .map(|_| client.edit("block", &EditOrder::Raise { structure: structure.clone(), by_m: 1.0 }).unwrap())
-        .collect();
+    let edits: Vec<_> =
+        (0..5).map(|_| client.edit("block", &EditOrder::Raise { structure: structure.clone(), by_m: 1.0 }).unwrap()).collect();
     let last = client.await_replan(&edits[4], PATIENCE, &mut |_| {}).unwrap();
     assert_eq!(last.table().facts.revision, 6);
     let superseded = edits[..4]
@@ -134,12 +133,12 @@ fn of_several_edits_only_the_newest_is_planned() {
 
 #[test]
 fn an_edit_that_leaves_nothing_to_plan_on_is_undone() {
-    let served = Served::start();
+    let served = Served::with_settings("[flight]\nlateral_margin_m = 0.0\nlegal_ceiling_m = 120.0");
     let client = served.client();
     load(&client, "block");
     client.plan("block", &quick(), &mut |_| {}).unwrap();
-    // A slab over everything up to the ceiling of the flight leaves no free space.
-    let outline_m = vec![[-900.0, -900.0], [900.0, -900.0], [900.0, 900.0], [-900.0, 900.0]];
+    // A slab over the whole block and up to the ceiling of the flight leaves no free space.
+    let outline_m = vec![[-200.0, -200.0], [200.0, -200.0], [200.0, 200.0], [-200.0, 200.0]];
     let slab = EditOrder::Add { name: "slab".into(), outline_m, base_m: 0.0, top_m: 119.0 };
     let edited = client.edit("block", &slab).unwrap();
     let (code, message) = refusal(client.await_replan(&edited, PATIENCE, &mut |_| {}));
@@ -160,7 +159,8 @@ fn scenes_are_listed_and_unloaded() {
     assert!(status.resident_mb > 0.0 && status.uptime_s > 0.0);
     let fit = status.budget_bytes / loaded.field_bytes;
     let names: Vec<String> = (0..=fit).map(|index| format!("b{index}")).collect();
-    let over = names.iter().find_map(|name| client.load(block(1, 9), Some(name), &mut |_| {}).err()).expect("the budget is small");
+    let over =
+        names.iter().find_map(|name| client.load(block(1, 9), Some(name), &mut |_| {}).err()).expect("the budget is small");
     let (code, message) = refusal::<()>(Err(over));
     assert_eq!(code, RefusalCode::Memory);
     assert!(message.contains("memory_budget_mb"), "{message}");

@@ -73,6 +73,7 @@ impl FieldStorage for HeldField {
 
 impl FieldChannel {
     pub fn create(node: &IpcNode, scene: &str) -> Result<Arc<Self>, FieldChannelError> {
+        memory::check_room(0)?;
         let service = service::provide_field(node, scene)?;
         let publisher = Arc::new(service::publisher(&service, Some(FIELD_SAMPLES))?);
         let own = service::subscriber(&service)?;
@@ -118,6 +119,7 @@ impl FieldChannel {
 
     fn loan(&self, count: usize) -> Result<SampleMut<ipc_threadsafe::Service, [WireBlock], Header>, FieldChannelError> {
         let refused = |cause: String| FieldChannelError::Loan { scene: self.scene.clone(), cause };
+        memory::check_room(count * Block::BYTES)?;
         let publisher = self.publisher();
         let mut sample = match publisher.loan_slice_uninit(count) {
             // Clients hold so many old fields that no place is free. A second publisher of the same service has places of its own; the

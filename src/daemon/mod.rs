@@ -8,6 +8,7 @@
 //!
 //! Nothing that a client sends can stop the daemon. A request that is refused has changed nothing.
 
+pub mod bench;
 mod budget;
 mod configuration;
 mod convert;
@@ -25,6 +26,7 @@ mod wake;
 
 use std::path::PathBuf;
 
+use overfly_wire::memory::MemoryError;
 use overfly_wire::service::ServiceError;
 use overfly_wire::{Domain, LockError};
 
@@ -39,6 +41,8 @@ pub enum DaemonError {
     Lock(#[from] LockError),
     #[error("shared memory cannot be used: {0}; check that /dev/shm is mounted, writable and not full")]
     Service(#[from] ServiceError),
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
     #[error("{what} cannot be set up: {cause}")]
     System { what: &'static str, cause: String },
 }

@@ -8,10 +8,11 @@ use overfly_wire::frame;
 use overfly_wire::memory;
 use overfly_wire::service::{
     self, Bell, BlockPublisher, BlockSample, BlockSubscriber, Channel, EVENT_ATTACH, EVENT_NEWS, EVENT_REQUEST, EventListener,
-    EventNotifier, IpcNode, ServiceError,
+    EventNotifier, IpcNode,
 };
 use overfly_wire::{Domain, Header, Kind, Reply, WireBlock};
 
+use super::DaemonError;
 use super::ledger::Ticket;
 
 /// Why a message could not be sent.
@@ -43,7 +44,8 @@ pub struct Ports {
 }
 
 impl Ports {
-    pub fn open(domain: &Domain) -> Result<Self, ServiceError> {
+    pub fn open(domain: &Domain) -> Result<Self, DaemonError> {
+        memory::check_room(0)?;
         let node = service::node(domain, "overfly-daemon")?;
         let requests = service::subscriber(&service::provide(&node, Channel::Requests)?)?;
         let replies = service::publisher(&service::provide(&node, Channel::Replies)?, None)?;

@@ -140,7 +140,9 @@ pub fn wait_for<T>(what: &str, mut ready: impl FnMut() -> Option<T>) -> T {
 }
 
 fn configuration(daemon_settings: &str) -> String {
-    format!("[surface]\nsamples = 150\n[field]\nviewpoints = 200\n[coverage]\ngoal_percent = 100.0\n[daemon]\n{daemon_settings}\n")
+    format!(
+        "[surface]\nsamples = 150\n[field]\nviewpoints = 200\n[coverage]\ngoal_percent = 100.0\n[daemon]\n{daemon_settings}\n"
+    )
 }
 
 fn spawn(domain: &Domain, config: &Path) -> Child {

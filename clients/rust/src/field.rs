@@ -19,7 +19,7 @@ pub struct FieldMap {
 }
 
 impl FieldMap {
-    /// Waits for a table of the daemon `link` talks to that is at least as new as `epoch`.
+    /// Waits for a table of the daemon `link` talks to (any, before it has answered) that is at least as new as `epoch`.
     pub(crate) fn open(link: &Link, scene: &str, epoch: u64, end: Instant) -> Result<Self, ClientError> {
         let started = Instant::now();
         let subscriber = service::subscriber(&service::open_field(link.presence.node(), scene)?)?;
@@ -28,7 +28,9 @@ impl FieldMap {
             while let Some(sample) = subscriber.receive().map_err(|error| ClientError::Receive(format!("{error:?}")))? {
                 let header = *sample.user_header();
                 // The table of a daemon that was killed may still wait here and arrives first.
-                if header.is(Kind::Field) && header.instance == link.instance.get() && header.epoch >= epoch {
+                let instance = link.instance.get();
+                let current = instance == 0 || header.instance == instance;
+                if header.is(Kind::Field) && current && header.epoch >= epoch {
                     FieldTable::open(WireBlock::blocks(sample.payload()))?;
                     return Ok(Self { sample, header, _subscriber: subscriber, _presence: link.presence.clone() });
                 }

@@ -17,6 +17,19 @@ pub enum MemoryError {
     },
 }
 
+/// Memory that must stay free for what iceoryx2 writes by itself, bytes.
+const MARGIN_BYTES: u64 = 1 << 20;
+
+/// Checks that /dev/shm has room for `bytes` and a little more. It may be gone a moment later; [`populate`] is what makes sure.
+pub fn check_room(bytes: usize) -> Result<(), MemoryError> {
+    let Ok(state) = rustix::fs::statvfs("/dev/shm") else { return Ok(()) };
+    let free = state.f_bavail.saturating_mul(state.f_frsize);
+    if free >= (bytes as u64).saturating_add(MARGIN_BYTES) {
+        return Ok(());
+    }
+    Err(MemoryError::Full { bytes, cause: rustix::io::Errno::NOSPC })
+}
+
 /// Makes the kernel provide every page under `blocks` now. A sparse shared-memory file gets its pages on the first write, and when
 /// /dev/shm is full that write kills the process; here the same fault is an error.
 pub fn populate(blocks: &mut [MaybeUninit<WireBlock>]) -> Result<(), MemoryError> {

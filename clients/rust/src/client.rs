@@ -54,7 +54,10 @@ impl Client {
         let end = Instant::now() + timeout;
         loop {
             match Self::try_connect(domain, end) {
-                Err(ClientError::NoDaemon { .. }) if Instant::now() < end => std::thread::sleep(Duration::from_millis(2)),
+                // A service can also fail because a daemon is starting or ending at this very moment.
+                Err(ClientError::NoDaemon { .. } | ClientError::Service(ServiceError::Failed { .. })) if Instant::now() < end => {
+                    std::thread::sleep(Duration::from_millis(2));
+                }
                 other => return other,
             }
         }

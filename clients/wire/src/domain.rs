@@ -1,7 +1,7 @@
 //! A domain: one daemon and its clients, apart from all others.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
-use std::io::{self, Read, Write};
+use std::io::{self, Read, Seek, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -63,7 +63,7 @@ pub enum LockError {
 #[derive(Debug)]
 pub struct DomainLock {
     domain: Domain,
-    _file: File,
+    file: File,
 }
 
 impl Domain {
@@ -135,17 +135,21 @@ impl Domain {
                 Attempt::Held(_) | Attempt::Gone => std::thread::sleep(Duration::from_millis(5)),
             }
         };
-        let lock = DomainLock { domain: self.clone(), _file: file };
+        let lock = DomainLock { domain: self.clone(), file };
+        lock.close_to_clients();
         lock.sweep_if_deserted();
-        lock.write_pid()?;
+        lock.open_to_clients()?;
         Ok(lock)
     }
 
-    /// Whether anything may be served here: a daemon holds the lock, or there is no lock file but somebody (a network tunnel) has
+    /// Whether anything may be served here: a daemon holds the lock and is ready, or there is no lock file but somebody (a network tunnel) has
     /// made the domain's directory.
     pub fn seems_served(&self) -> bool {
-        let lock_file = self.root.join(LOCK_FILE).exists();
-        if lock_file { self.is_locked() } else { self.root.join("services").is_dir() }
+        match fs::metadata(self.root.join(LOCK_FILE)) {
+            // A lock file without a process id belongs to a daemon that is just starting or ending.
+            Ok(lock_file) => lock_file.len() > 0 && self.is_locked(),
+            Err(_) => self.root.join("services").is_dir(),
+        }
     }
 
     /// Whether a daemon holds the domain's lock.
@@ -161,7 +165,7 @@ impl Domain {
             return;
         }
         if let Ok(Attempt::Got(file)) = self.try_lock(FlockOperation::NonBlockingLockExclusive) {
-            DomainLock { domain: self.clone(), _file: file }.release();
+            DomainLock { domain: self.clone(), file }.release();
         }
     }
 
@@ -198,7 +202,8 @@ impl Domain {
             Err(rustix::io::Errno::WOULDBLOCK) => {
                 let mut pid = String::new();
                 let _ = file.read_to_string(&mut pid);
-                return Ok(Attempt::Held(pid.trim().to_owned()));
+                let pid = if pid.is_empty() { "just starting or ending" } else { pid.trim() };
+                return Ok(Attempt::Held(pid.to_owned()));
             }
             Err(cause) => return Err(io(cause.into())),
         }
@@ -225,6 +230,7 @@ impl DomainLock {
 
     /// Gives the domain up. When no client lives in it any more, nothing of it stays behind.
     pub fn release(self) {
+        self.close_to_clients();
         let deserted = self.sweep_if_deserted();
         let _ = fs::remove_file(self.domain.root.join(LOCK_FILE));
         if deserted {
@@ -265,11 +271,17 @@ impl DomainLock {
         listed.is_ok() && !lives
     }
 
-    fn write_pid(&self) -> Result<(), LockError> {
+    /// From now on clients may enter.
+    fn open_to_clients(&self) -> Result<(), LockError> {
         let io = |cause| LockError::Io { path: self.domain.root.join(LOCK_FILE), cause };
-        let mut file = &self._file;
-        file.set_len(0).map_err(io)?;
-        file.write_all(format!("{}\n", std::process::id()).as_bytes()).map_err(io)
+        (&self.file).write_all(format!("{}\n", std::process::id()).as_bytes()).map_err(io)
+    }
+
+    /// An empty lock file tells clients to stay outside while the domain is swept.
+    fn close_to_clients(&self) {
+        // When this fails a client that enters just now finds its files gone, and tries again.
+        let _ = self.file.set_len(0);
+        let _ = (&self.file).rewind();
     }
 }
 

@@ -82,9 +82,10 @@ impl Daemon {
             self.scenes.insert(name.clone(), Slot::new(channel));
         }
         tracing::info!(scene = name, structures = scene.structures.len(), read_s, "read");
-        let load = Load { ticket: reading.ticket, report_json, report_lines, read_s };
+        let taken_up = reading.assignment.taken_up;
+        let load = Load { ticket: reading.ticket, report_json, report_lines, read_s, taken_up };
         let source = FieldSource::Scene(Box::new(scene), reading.settings);
-        self.start_build(&name, source, Task::Load(Box::new(load)), reading.assignment.taken_up);
+        self.start_build(&name, source, Task::Load(Box::new(load)), taken_up);
         Ok(())
     }
 
@@ -222,7 +223,7 @@ fn loaded(scene: &str, load: Load, figures: FieldFigures, field_bytes: u64, fiel
         field_bytes,
         read_s: load.read_s,
         field_s,
-        load_s: load.read_s + field_s,
+        load_s: load.taken_up.elapsed().as_secs_f64(),
         report_json: load.report_json,
         report_lines: load.report_lines,
     }

@@ -65,6 +65,7 @@ pub struct Load {
     pub report_json: String,
     pub report_lines: Vec<String>,
     pub read_s: f64,
+    pub taken_up: Instant,
 }
 
 /// A search and who asked for it.

@@ -10,8 +10,8 @@ use overfly_wire::codec;
 use overfly_wire::frame::{self, Limits};
 use overfly_wire::memory;
 use overfly_wire::service::{
-    self, Bell, BlockPublisher, BlockSubscriber, Channel, EVENT_ATTACH, EVENT_REQUEST, EventListener, EventNotifier, IpcNode,
-    LOOK_AGAIN, ServiceError,
+    self, Bell, BlockPublisher, BlockService, BlockSubscriber, Channel, EVENT_ATTACH, EVENT_REQUEST, EventListener,
+    EventNotifier, IpcNode, LOOK_AGAIN, ServiceError,
 };
 use overfly_wire::{Domain, Header, Kind, ProgressNote, RefusalCode, Reply, Request, WireBlock};
 
@@ -19,6 +19,8 @@ use crate::error::ClientError;
 
 /// Messages that one client may have on their way at the same time.
 const REQUEST_SAMPLES: usize = 12;
+/// The same for a scene file: the first, and one that was sent again.
+const BULK_SAMPLES: usize = 2;
 /// A request that nobody has acknowledged for so long is sent again.
 const RESEND: Duration = Duration::from_millis(100);
 /// While the daemon works on a request it is reminded so often, so that a lost reply is repeated.
@@ -54,6 +56,7 @@ impl Drop for Presence {
 /// The ports of a client. Fields are dropped in their order: the presence must be last.
 pub(crate) struct Link {
     requests: BlockPublisher,
+    request_service: BlockService,
     replies: BlockSubscriber,
     pub(crate) plans: BlockSubscriber,
     news: EventListener,
@@ -72,6 +75,8 @@ pub(crate) struct Exchange<'a> {
     about: Option<u64>,
     request: &'a Request,
     bulk: &'a [u8],
+    /// Sends the bulk and is gone with its memory when the request is answered.
+    carrier: Option<BlockPublisher>,
     acknowledged: bool,
     sent: Instant,
     heard: Instant,
@@ -83,7 +88,8 @@ impl Link {
     pub(crate) fn open(domain: &Domain) -> Result<Self, ServiceError> {
         let presence = Presence::enter(domain)?;
         let node = presence.node();
-        let requests = service::publisher(&service::open(node, Channel::Requests)?, Some(REQUEST_SAMPLES))?;
+        let request_service = service::open(node, Channel::Requests)?;
+        let requests = service::publisher(&request_service, Some(REQUEST_SAMPLES))?;
         let replies = service::subscriber(&service::open(node, Channel::Replies)?)?;
         let plans = service::subscriber(&service::open(node, Channel::Plans)?)?;
         let news = service::listener(&service::open_bell(node, Bell::Clients)?)?;
@@ -93,6 +99,7 @@ impl Link {
         let domain = domain.clone();
         Ok(Self {
             requests,
+            request_service,
             replies,
             plans,
             news,
@@ -140,9 +147,13 @@ impl Link {
         let correlation = self.next_correlation.get();
         self.next_correlation.set(correlation + 1);
         let now = Instant::now();
-        self.send(correlation, request, bulk)?;
+        let carrier = match bulk.is_empty() {
+            true => None,
+            false => Some(service::publisher(&self.request_service, Some(BULK_SAMPLES))?),
+        };
+        self.send(carrier.as_ref(), correlation, request, bulk)?;
         let about = if let Request::Outcome { correlation } = request { Some(*correlation) } else { None };
-        Ok(Exchange { correlation, about, request, bulk, acknowledged: false, sent: now, heard: now, patience })
+        Ok(Exchange { correlation, about, request, bulk, carrier, acknowledged: false, sent: now, heard: now, patience })
     }
 
     /// One reply to `exchange` when there is one within `wait`; sends the request again when the daemon is silent.
@@ -165,7 +176,7 @@ impl Link {
         if now - exchange.sent > pause {
             // The daemon knows the request by its number and does not run it twice; an acknowledged one needs no bulk any more.
             let bulk = if exchange.acknowledged { &[][..] } else { exchange.bulk };
-            self.send(exchange.correlation, exchange.request, bulk)?;
+            self.send(exchange.carrier.as_ref().filter(|_| !bulk.is_empty()), exchange.correlation, exchange.request, bulk)?;
             exchange.sent = now;
         }
         Ok(None)
@@ -208,7 +219,13 @@ impl Link {
         }
     }
 
-    fn send(&self, correlation: u64, request: &Request, bulk: &[u8]) -> Result<(), ClientError> {
+    fn send(
+        &self,
+        carrier: Option<&BlockPublisher>,
+        correlation: u64,
+        request: &Request,
+        bulk: &[u8],
+    ) -> Result<(), ClientError> {
         let body = codec::encode(request, codec::MAX_REQUEST_BYTES).map_err(overfly_wire::frame::FrameError::from)?;
         let header = Header {
             instance: self.instance.get(),
@@ -218,7 +235,7 @@ impl Link {
             bulk_bytes: bulk.len() as u64,
             ..Header::new(Kind::Request)
         };
-        let mut sample = match self.requests.loan_slice_uninit(frame::blocks(body.len(), bulk.len())) {
+        let mut sample = match carrier.unwrap_or(&self.requests).loan_slice_uninit(frame::blocks(body.len(), bulk.len())) {
             Ok(sample) => sample,
             // The daemon has not yet given earlier messages back: it will be reminded.
             Err(LoanError::OutOfMemory | LoanError::ExceedsMaxLoans) => return Ok(()),

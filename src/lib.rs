@@ -6,6 +6,7 @@
 //! up to [`session`] is a pure core: no I/O, no clock, no environment, no interprocess communication. `ARCHITECTURE.md` draws the map.
 
 pub mod settings;
+pub mod stop;
 
 pub mod camera;
 pub mod coverage;

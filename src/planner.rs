@@ -1,35 +1,21 @@
 //! The whole pipeline on one screen.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use nalgebra::Point3;
 use overfly_table::field::ViewpointRow;
 
 use crate::camera::{Pose, Rig};
+use crate::field::Snapshot;
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
 use crate::search::{Problem, SearchError, search};
-use crate::session::Snapshot;
 use crate::settings::Settings;
 use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::{self, FlightSums};
 use crate::trajectory::plan::{Metrics, Plan, SceneStamp, Waypoint};
 use crate::trajectory::safety::{self, UnsafeCurve};
 
-/// Asks a running computation to stop; clones share one flag.
-#[derive(Clone, Debug, Default)]
-pub struct StopToken(Arc<AtomicBool>);
-
-impl StopToken {
-    pub fn stop(&self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-
-    pub fn is_stopped(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
-    }
-}
+pub use crate::search::Progress;
+pub use crate::stop::StopToken;
 
 /// What a user asks for beyond the settings.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,17 +31,6 @@ pub struct PlanOptions {
     pub start_m: Option<Point3<f64>>,
 }
 
-/// How far a search has come.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Progress {
-    pub iteration: u32,
-    pub iterations: u32,
-    /// Best path so far, by the field.
-    pub coverage_percent: f64,
-    pub length_m: f64,
-    pub objective: f64,
-}
-
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
@@ -67,6 +42,8 @@ pub enum PlanError {
         "the flight cannot start at ({position}): {cause}; give another start in metres of the scene's frame, or none to have one chosen"
     )]
     Start { position: String, cause: Obstruction },
+    #[error("the computation was abandoned")]
+    Abandoned,
     #[error(transparent)]
     Search(#[from] SearchError),
     #[error("the search's path failed the final safety check and is withheld: {0}; this is a defect of the planner")]
@@ -76,7 +53,8 @@ pub enum PlanError {
 /// Names of the planning methods.
 pub const METHODS: [&str; 1] = ["paper"];
 
-/// Plans one flight on a snapshot. A stop of the token ends the search with the best plan so far.
+/// Plans one flight on a snapshot. A stop of the token ends the search with the best plan so far; only when the token is abandoned
+/// there is none.
 pub fn plan(
     snapshot: &Snapshot,
     settings: &Settings,
@@ -89,12 +67,12 @@ pub fn plan(
         return Err(PlanError::UnknownMethod(options.method.clone()));
     }
     let problem = Problem::new(snapshot, settings, rig);
-    let start = start_pose(&problem, options.start_m)?;
+    let start = start_pose(&problem, options.start_m, stop)?;
     let iterations = options.iterations.unwrap_or(settings.search.iterations);
 
     let outcome = search(&problem, start, iterations, options.seed, stop, on_progress)?;
     let (images, sums) = images::place(&outcome.path, &problem, settings.flight.cruise_speed_mps);
-    let capture = evaluate::capture(snapshot, &problem.rig, &images);
+    let capture = evaluate::capture(snapshot, &problem.rig, &images, stop).ok_or(PlanError::Abandoned)?;
     let curve: Vec<_> = outcome.path.iter().map(|pose| pose.position).collect();
     let clearance_m = safety::check(&curve, &snapshot.free)?;
 
@@ -118,7 +96,7 @@ pub fn plan(
 
 /// The given start if it is safe; else the viewpoint that alone captures the most information, so that the tree begins where there
 /// is something to see.
-fn start_pose(problem: &Problem, given_m: Option<Point3<f64>>) -> Result<Pose, PlanError> {
+fn start_pose(problem: &Problem, given_m: Option<Point3<f64>>, stop: &StopToken) -> Result<Pose, PlanError> {
     if let Some(position) = given_m {
         return match problem.free.obstruction_at(&position) {
             None => Ok(Pose { position, direction: None }),
@@ -133,6 +111,9 @@ fn start_pose(problem: &Problem, given_m: Option<Point3<f64>>) -> Result<Pose, P
     let nothing = vec![0; problem.field.samples.len()];
     let mut best = (pose(&problem.field.viewpoints[0]), 0);
     for pose in problem.field.viewpoints.iter().map(pose) {
+        if stop.is_abandoned() {
+            return Err(PlanError::Abandoned);
+        }
         let gain = problem.gain(&nothing, &problem.observe_pose(&pose, &mut scratch));
         if gain > best.1 {
             best = (pose, gain);

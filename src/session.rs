@@ -7,33 +7,18 @@
 use std::sync::Arc;
 
 use nalgebra::Point3;
-use overfly_table::field::{FieldCounts, FieldFacts};
-use overfly_table::{Block, FieldTable, LayoutError};
+use overfly_table::field::FieldFacts;
 
 use crate::coverage::{CELLS, DiskModel, threshold_cells};
-use crate::field::{self, FieldInputs, Lattice, Lookup, Viewpoint};
-use crate::planner::StopToken;
+use crate::field::{self, Lattice, Outlines};
 use crate::scene::Scene;
 use crate::scene::edit::{DirtyRegion, Edit, EditError};
 use crate::scene::free_space::FreeSpace;
 use crate::settings::Settings;
+use crate::stop::StopToken;
 use crate::surface::{self, Sample, Sampling};
 
-/// Why no field can be built of a scene.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum FieldError {
-    #[error("the computation was stopped")]
-    Stopped,
-    #[error("the scene {scene:?} has no surface that could be seen from outside; check its heights and its outlines")]
-    NoSurface { scene: String },
-    #[error(
-        "the scene {scene:?} leaves no free space between {safety_m} m and {shell_m} m from its surfaces, at altitudes from {low_m:.0} m to \
-         {high_m:.0} m and outside of its no-fly zones; lower `flight.safety_distance_m` or widen the altitude limits"
-    )]
-    NoFreeSpace { scene: String, safety_m: f64, shell_m: f64, low_m: f64, high_m: f64 },
-    #[error("the table is not the field of this scene: {0}")]
-    Layout(#[from] LayoutError),
-}
+pub use crate::field::{FieldError, FieldStorage, Snapshot, Survey};
 
 /// A scene with its revision and the field settings that were pinned when it was loaded.
 #[derive(Clone, Debug)]
@@ -91,20 +76,23 @@ impl Session {
     pub fn survey(&self, stop: &StopToken) -> Result<Survey, FieldError> {
         let free = FreeSpace::new(&self.scene, &self.settings.flight);
         check(stop)?;
-        let samples = surface::sample_scene(&self.scene, &self.pins.sampling);
+        let samples = surface::sample_scene(&self.scene, &self.pins.sampling, stop).ok_or(FieldError::Stopped)?;
         if !samples.iter().any(|sample| sample.exposed) {
             return Err(FieldError::NoSurface { scene: self.scene.name.clone() });
         }
         check(stop)?;
-        let viewpoints = field::fill(&free, &self.pins.lattice);
+        let viewpoints = field::fill(&free, &self.pins.lattice, stop).ok_or(FieldError::Stopped)?;
         if viewpoints.is_empty() {
             return Err(no_free_space(&self.scene, &free, &self.pins.lattice));
         }
         check(stop)?;
+        let outlines = Outlines::new(&self.scene);
+        check(stop)?;
         Ok(Survey {
             scene: Arc::clone(&self.scene),
             revision: self.revision,
-            counts: field::counts(&self.scene, samples.len(), viewpoints.len()),
+            counts: field::counts(&self.scene, &outlines, samples.len(), viewpoints.len()),
+            outlines,
             facts: self.facts(),
             offset_m: self.pins.sampling.offset_m,
             disks: Arc::clone(&self.disks),
@@ -142,22 +130,26 @@ impl Pins {
         let free = FreeSpace::new(scene, &settings.flight);
         check(stop)?;
         let surface = &settings.surface;
-        let spacing_m = surface::choose_spacing_m(scene, surface.samples, surface.seed, surface.exposure_offset_m)
-            .ok_or_else(|| FieldError::NoSurface { scene: scene.name.clone() })?;
+        let spacing_m = surface::choose_spacing_m(scene, surface.samples, surface.seed, surface.exposure_offset_m, stop)
+            .ok_or(FieldError::Stopped)?;
+        if spacing_m <= 0.0 {
+            return Err(FieldError::NoSurface { scene: scene.name.clone() });
+        }
         let sampling = Sampling { spacing_m, seed: surface.seed, offset_m: surface.exposure_offset_m };
-        check(stop)?;
         let coarsest = Lattice {
             origin: Point3::new(free.limits.min.x, free.limits.min.y, 0.0),
             spacing_m: settings.field.max_spacing_m,
             shell_m: settings.field.shell_m,
             seed: surface.seed,
         };
-        let lattice = Lattice { spacing_m: field::choose_spacing_m(&free, &coarsest, settings.field.viewpoints), ..coarsest };
-        if lattice.spacing_m <= 0.0 {
+        let lattice_m = field::choose_spacing_m(&free, &coarsest, settings.field.viewpoints, stop).ok_or(FieldError::Stopped)?;
+        if lattice_m <= 0.0 {
             return Err(no_free_space(scene, &free, &coarsest));
         }
+        let lattice = Lattice { spacing_m: lattice_m, ..coarsest };
         let exposed = |sample: &Sample| if sample.exposed { sample.area_mm2 } else { 0 };
-        let area_mm2: u64 = surface::sample_scene(scene, &sampling).iter().map(exposed).sum();
+        let samples = surface::sample_scene(scene, &sampling, stop).ok_or(FieldError::Stopped)?;
+        let area_mm2: u64 = samples.iter().map(exposed).sum();
         Ok(Self {
             sampling,
             lattice,
@@ -186,101 +178,4 @@ fn no_free_space(scene: &Scene, free: &FreeSpace, lattice: &Lattice) -> FieldErr
 
 fn check(stop: &StopToken) -> Result<(), FieldError> {
     if stop.is_stopped() { Err(FieldError::Stopped) } else { Ok(()) }
-}
-
-/// Everything about a field but its visibility.
-#[derive(Debug)]
-pub struct Survey {
-    scene: Arc<Scene>,
-    revision: u64,
-    facts: FieldFacts,
-    counts: FieldCounts,
-    free: Arc<FreeSpace>,
-    disks: Arc<DiskModel>,
-    samples: Vec<Sample>,
-    viewpoints: Vec<Viewpoint>,
-    offset_m: f64,
-}
-
-impl Survey {
-    /// Size of the field's table in blocks.
-    pub fn blocks(&self) -> usize {
-        self.counts.blocks()
-    }
-
-    pub fn counts(&self) -> &FieldCounts {
-        &self.counts
-    }
-
-    /// Builds the field in place (Algorithm 1), in parallel over viewpoints. `blocks` is exactly [`Survey::blocks`] long; what it
-    /// held is overwritten. When stopped the blocks hold nothing of use.
-    pub fn build(&self, blocks: &mut [Block], stop: &StopToken) -> Result<(), FieldError> {
-        let inputs = FieldInputs {
-            scene: &self.scene,
-            clearance: &self.free.clearance,
-            samples: &self.samples,
-            viewpoints: &self.viewpoints,
-            disks: &self.disks,
-            facts: self.facts,
-            offset_m: self.offset_m,
-        };
-        field::build(&inputs, &self.counts, blocks, stop).ok_or(FieldError::Stopped)
-    }
-
-    /// The snapshot over a table that [`Survey::build`] has filled.
-    pub fn snapshot(self, field: Arc<dyn FieldStorage>) -> Result<Snapshot, FieldError> {
-        let table = FieldTable::open(field.blocks())?;
-        let lookup = Lookup::new(table.viewpoints).ok_or_else(|| FieldError::NoSurface { scene: self.scene.name.clone() })?;
-        Ok(Snapshot {
-            scene: self.scene,
-            revision: self.revision,
-            free: self.free,
-            disks: self.disks,
-            lookup: Arc::new(lookup),
-            offset_m: self.offset_m,
-            field,
-        })
-    }
-
-    /// Builds the field in memory of its own.
-    pub fn into_snapshot(self, stop: &StopToken) -> Result<Snapshot, FieldError> {
-        let mut blocks = vec![Block::ZERO; self.blocks()];
-        self.build(&mut blocks, stop)?;
-        self.snapshot(Arc::new(blocks))
-    }
-}
-
-/// Memory that holds a finished field: a vector in process, a received sample in the daemon.
-pub trait FieldStorage: Send + Sync {
-    fn blocks(&self) -> &[Block];
-}
-
-impl FieldStorage for Vec<Block> {
-    fn blocks(&self) -> &[Block] {
-        self
-    }
-}
-
-/// One revision of a scene with its field, for searches and readers. Cheap to clone; never changes.
-#[derive(Clone)]
-pub struct Snapshot {
-    pub scene: Arc<Scene>,
-    pub revision: u64,
-    pub free: Arc<FreeSpace>,
-    pub disks: Arc<DiskModel>,
-    pub lookup: Arc<Lookup>,
-    /// How far in front of a sample a line of sight ends, m.
-    pub offset_m: f64,
-    field: Arc<dyn FieldStorage>,
-}
-
-impl Snapshot {
-    pub fn field(&self) -> FieldTable<'_> {
-        FieldTable::open(self.field.blocks()).expect("the table was opened when the snapshot was made and nobody writes to it")
-    }
-
-    /// The memory that holds the field.
-    pub fn storage(&self) -> &Arc<dyn FieldStorage> {
-        &self.field
-    }
 }

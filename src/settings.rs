@@ -1,6 +1,10 @@
 //! Every constant of the model, with its unit; `config/default.toml` is the same values with their reasons and is embedded here.
 
+mod parse;
+
 use serde::{Deserialize, Serialize};
+
+pub use parse::SettingsError;
 
 /// The embedded defaults, as text.
 pub const DEFAULT_TOML: &str = include_str!("../config/default.toml");

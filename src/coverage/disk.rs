@@ -129,8 +129,9 @@ impl DiskModel {
 
 /// Half-angle of the disk, rad: theta0 for a near frontal view, less with distance and obliqueness.
 fn half_angle(settings: &CoverageSettings, distance_m: f64, cosine: f64) -> f64 {
-    let beyond = (distance_m - settings.full_disk_m).max(0.0);
-    settings.theta0_deg.to_radians() * libm::exp(-beyond / settings.falloff_m) * cosine.sqrt().sqrt()
+    let beyond = distance_m - settings.full_disk_m;
+    let shrinking = if beyond > 0.0 { libm::exp(-beyond / settings.falloff_m) } else { 1.0 };
+    settings.theta0_deg.to_radians() * shrinking * cosine.sqrt().sqrt()
 }
 
 #[cfg(test)]

@@ -2,9 +2,11 @@
 
 mod disk;
 mod hemisphere;
+pub mod union;
 
 pub use disk::{DiskModel, SampleFrame};
 pub use hemisphere::{CELLS, Mask, cell_direction};
+pub use union::Observations;
 
 /// Information in whole units: covered cells times square millimetres of surface. Integers add up to the same sum in any order,
 /// so that an information gain can be added, removed and compared without drift.

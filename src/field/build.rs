@@ -8,15 +8,16 @@ use rayon::prelude::*;
 
 use super::viewpoints::Viewpoint;
 use crate::coverage::{DiskModel, Mask, SampleFrame};
-use crate::planner::StopToken;
 use crate::scene::clearance::Clearance;
 use crate::scene::{Scene, Structure};
+use crate::stop::StopToken;
 use crate::surface::Sample;
 
 /// What the field of one revision is built from.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldInputs<'a> {
     pub scene: &'a Scene,
+    pub outlines: &'a Outlines,
     pub clearance: &'a Clearance,
     pub samples: &'a [Sample],
     pub viewpoints: &'a [Viewpoint],
@@ -26,17 +27,28 @@ pub struct FieldInputs<'a> {
     pub offset_m: f64,
 }
 
-/// The size of the field's table.
-pub fn counts(scene: &Scene, samples: usize, viewpoints: usize) -> FieldCounts {
-    let mut counts = FieldCounts { samples, viewpoints, structures: scene.structures.len(), ..Default::default() };
-    for structure in &scene.structures {
-        for ring in rings(structure) {
-            counts.rings += 1;
-            counts.points += ring.len();
-        }
-        counts.name_bytes += structure.name.len();
+/// The rings of every structure seen from above, without the repeated last corner.
+#[derive(Debug)]
+pub struct Outlines(Vec<Vec<Vec<Coord>>>);
+
+impl Outlines {
+    /// Casts the shadows of all structures, in parallel: that of a mesh is a union of its triangles.
+    pub fn new(scene: &Scene) -> Self {
+        Self(scene.structures.par_iter().map(|structure| rings(structure)).collect())
     }
-    counts
+}
+
+/// The size of the field's table.
+pub fn counts(scene: &Scene, outlines: &Outlines, samples: usize, viewpoints: usize) -> FieldCounts {
+    let rings = || outlines.0.iter().flatten();
+    FieldCounts {
+        samples,
+        viewpoints,
+        structures: scene.structures.len(),
+        rings: rings().count(),
+        points: rings().map(Vec::len).sum(),
+        name_bytes: scene.structures.iter().map(|structure| structure.name.len()).sum(),
+    }
 }
 
 /// Fills `blocks`, in parallel over viewpoints. Returns `None` when stopped; the blocks then hold nothing of use.
@@ -114,13 +126,13 @@ impl Targets {
 fn write_structures(inputs: &FieldInputs, table: &mut FieldTableMut) {
     let (mut ring, mut point, mut name_byte, mut sample) = (0, 0, 0, 0);
     for (index, (row, structure)) in table.structures.iter_mut().zip(&inputs.scene.structures).enumerate() {
-        let outlines = rings(structure);
+        let outlines = &inputs.outlines.0[index];
         let name = structure.name.as_bytes();
         let samples = inputs.samples[sample..].iter().take_while(|s| s.structure as usize == index).count();
         *row = structure_row(structure, [sample, samples, ring, outlines.len(), name_byte, name.len()]);
         for outline in outlines {
             table.rings[ring] = RingRow { first_point: point as u32, points: outline.len() as u32 };
-            for Coord { x, y } in outline {
+            for &Coord { x, y } in outline {
                 table.points[point] = [x, y];
                 point += 1;
             }
@@ -132,7 +144,6 @@ fn write_structures(inputs: &FieldInputs, table: &mut FieldTableMut) {
     }
 }
 
-/// The rings of a structure seen from above, without the repeated last corner.
 fn rings(structure: &Structure) -> Vec<Vec<Coord>> {
     let open = |ring: &geo::LineString| ring.0[..ring.0.len().saturating_sub(1)].to_vec();
     let outlines = structure.outlines();

@@ -6,8 +6,10 @@
 
 mod build;
 mod lookup;
+mod survey;
 mod viewpoints;
 
-pub use build::{FieldInputs, build, counts};
+pub use build::{Outlines, counts};
 pub use lookup::Lookup;
+pub use survey::{FieldError, FieldStorage, Snapshot, Survey};
 pub use viewpoints::{Lattice, Viewpoint, choose_spacing_m, fill};

@@ -6,6 +6,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::scene::free_space::FreeSpace;
+use crate::stop::StopToken;
 use crate::surface::unit_hash;
 
 /// The lattice of viewpoints. Pinned when a scene is loaded.
@@ -28,24 +29,26 @@ pub struct Viewpoint {
 
 /// The spacing at which about `target` viewpoints fill the shell, at most `coarsest.spacing_m`: farther apart they would miss the
 /// shell altogether, so the target is an outcome for large scenes.
-pub fn choose_spacing_m(free: &FreeSpace, coarsest: &Lattice, target: u32) -> f64 {
-    let count = fill(free, coarsest).len();
+/// `None` when stopped.
+pub fn choose_spacing_m(free: &FreeSpace, coarsest: &Lattice, target: u32, stop: &StopToken) -> Option<f64> {
+    let count = fill(free, coarsest, stop)?.len();
     let share = count as f64 / f64::from(target.max(1));
-    coarsest.spacing_m * libm::cbrt(share).min(1.0)
+    Some(coarsest.spacing_m * libm::cbrt(share).min(1.0))
 }
 
-/// All viewpoints of the lattice, in the order of their cells.
-pub fn fill(free: &FreeSpace, lattice: &Lattice) -> Vec<Viewpoint> {
+/// All viewpoints of the lattice, in the order of their cells; `None` when stopped.
+pub fn fill(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Vec<Viewpoint>> {
     let cell = |p: &Point3<f64>| ((p - lattice.origin) / lattice.spacing_m).map(|v| v.floor() as i64);
     let (low, high) = (cell(&free.limits.min), cell(&free.limits.max));
     if (0..3).any(|i| high[i] < low[i]) {
-        return Vec::new();
+        return Some(Vec::new());
     }
     let columns: Vec<(i64, i64)> = (low.x..=high.x).flat_map(|x| (low.y..=high.y).map(move |y| (x, y))).collect();
-    columns
-        .par_iter()
-        .flat_map_iter(|&(x, y)| (low.z..=high.z).filter_map(move |z| viewpoint(free, lattice, [x, y, z])))
-        .collect()
+    let column = |&(x, y): &(i64, i64)| -> Option<Vec<Viewpoint>> {
+        (!stop.is_stopped()).then(|| (low.z..=high.z).filter_map(|z| viewpoint(free, lattice, [x, y, z])).collect())
+    };
+    let filled: Option<Vec<Vec<Viewpoint>>> = columns.par_iter().map(column).collect();
+    filled.map(|columns| columns.concat())
 }
 
 fn viewpoint(free: &FreeSpace, lattice: &Lattice, cell: [i64; 3]) -> Option<Viewpoint> {

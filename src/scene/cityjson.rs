@@ -1,9 +1,385 @@
-//! Later.
+//! CityJSON 1.0, 1.1 and 2.0: buildings, bridges and other constructions at their highest level of detail.
+//!
+//! A Building with its parts and installations is one structure, named by the Building. Only the outer shell of a solid is taken.
+//! Walls that the file leaves out between terraced houses are filled in, so that a house has an inside. The ground plane is the median of the structures' lowest points. Where the reference system is known, the grid is turned to true
+//! north and scaled to true metres, so that the local frame is east-north-up at the middle of the scene.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Point3;
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::close;
+use super::crs::{self, Placement, Unplaced};
+use super::faces;
+use super::meshes::{self, RawMesh};
+use super::names::tidy;
 use super::proxy::Scene;
-use super::read::ImportError;
-use super::report::ImportReport;
+use super::read::{ImportError, assemble};
+use super::report::{Format, ImportReport, ItemKind, Place};
+use crate::frame::LocalFrame;
 use crate::settings::ProxySettings;
 
-pub(crate) fn read(file: &str, _bytes: &[u8], _settings: &ProxySettings) -> Result<(Scene, ImportReport), ImportError> {
-    Err(ImportError::UnknownFormat { file: file.into(), found: "a format that is not read yet".into() })
+/// The types that become structures or parts of one.
+const TAKEN: [&str; 10] = [
+    "Building",
+    "BuildingPart",
+    "BuildingInstallation",
+    "BuildingConstructiveElement",
+    "Bridge",
+    "BridgePart",
+    "BridgeInstallation",
+    "BridgeConstructiveElement",
+    "BridgeConstructionElement",
+    "OtherConstruction",
+];
+
+/// Longer chains of parents are no building and its parts.
+const MOST_GENERATIONS: usize = 16;
+
+#[derive(Deserialize)]
+struct CityModel {
+    #[serde(default)]
+    version: Value,
+    #[serde(default)]
+    metadata: Value,
+    transform: Option<Transform>,
+    #[serde(rename = "CityObjects", default)]
+    objects: BTreeMap<String, CityObject>,
+    #[serde(default)]
+    vertices: Vec<[f64; 3]>,
+}
+
+#[derive(Deserialize)]
+struct Transform {
+    scale: [f64; 3],
+    translate: [f64; 3],
+}
+
+#[derive(Deserialize)]
+struct CityObject {
+    #[serde(rename = "type", default)]
+    kind: String,
+    geometry: Option<Vec<CityGeometry>>,
+    parents: Option<Vec<String>>,
+}
+
+#[derive(Deserialize)]
+struct CityGeometry {
+    #[serde(rename = "type", default)]
+    kind: String,
+    #[serde(default)]
+    lod: Value,
+    #[serde(default)]
+    boundaries: Value,
+}
+
+pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(Scene, ImportReport), ImportError> {
+    let model: CityModel = serde_json::from_slice(bytes).map_err(|source| ImportError::Json { file: file.into(), source })?;
+    let mut report = ImportReport::new(Format::CityJson);
+    note_version(&model, &mut report);
+    let vertices = vertices(&model);
+    let mut meshes = Vec::new();
+    for (root, members) in families(&model, &mut report) {
+        meshes.push(mesh(file, root, &members, &vertices, &mut report)?);
+    }
+    let objects = model.objects.len();
+    if !meshes.is_empty() && !vertices.iter().any(|vertex| vertex.iter().all(|metres| metres.is_finite())) {
+        return Err(ImportError::Coordinates { file: file.into(), what: "no vertex is finite".into() });
+    }
+    meshes::drop_strays(&mut meshes, settings.max_extent_m, &mut report);
+    let frame = to_local(file, &model, &mut meshes, &mut report)?;
+    for mesh in &mut meshes {
+        let walls = close::close_walls(&mut mesh.triangles);
+        if walls > 0 {
+            report.add(&mesh.name, mesh.place.clone(), ItemKind::WallsClosed, format!("{walls} missing walls filled in"));
+        }
+    }
+    let structures = meshes::structures(meshes, &mut report);
+    if structures.is_empty() {
+        return Err(ImportError::NoStructures { file: file.into(), objects, first: report.first_item() });
+    }
+    Ok(assemble(file, frame, structures, Vec::new(), report))
+}
+
+fn note_version(model: &CityModel, report: &mut ImportReport) {
+    let version = model.version.as_str().unwrap_or("(none)");
+    if !["1.0", "1.1", "2.0"].iter().any(|known| version.starts_with(known)) {
+        report.notes.push(format!("CityJSON version {:?} is not known: read as 2.0", tidy(version)));
+    }
+}
+
+fn vertices(model: &CityModel) -> Vec<Point3<f64>> {
+    let place = |vertex: &[f64; 3]| match &model.transform {
+        Some(Transform { scale, translate }) => Point3::from([0, 1, 2].map(|axis| vertex[axis] * scale[axis] + translate[axis])),
+        None => Point3::from(*vertex),
+    };
+    model.vertices.iter().map(place).collect()
+}
+
+/// The taken objects with their descendants, by key; the others are counted.
+fn families<'a>(model: &'a CityModel, report: &mut ImportReport) -> BTreeMap<&'a str, Vec<(&'a str, &'a CityObject)>> {
+    let mut families: BTreeMap<&str, Vec<(&str, &CityObject)>> = BTreeMap::new();
+    for (key, object) in &model.objects {
+        if TAKEN.contains(&object.kind.as_str()) {
+            families.entry(ancestor(model, key, object)).or_default().push((key, object));
+        } else {
+            *report.ignored.entry(tidy(&object.kind)).or_default() += 1;
+        }
+    }
+    families
+}
+
+/// The topmost taken object above an object. Where parents run in a circle it is the first of the circle by key.
+fn ancestor<'a>(model: &'a CityModel, key: &'a str, object: &'a CityObject) -> &'a str {
+    let mut line = vec![key];
+    let mut object = object;
+    loop {
+        let known = object.parents.iter().flatten().filter_map(|parent| model.objects.get_key_value(parent));
+        let Some((parent_key, parent)) = known.into_iter().find(|(_, parent)| TAKEN.contains(&parent.kind.as_str())) else {
+            return line[line.len() - 1];
+        };
+        if let Some(start) = line.iter().position(|seen| seen == parent_key) {
+            return line[start..].iter().min().copied().unwrap_or(key);
+        }
+        if line.len() == MOST_GENERATIONS {
+            return key;
+        }
+        line.push(parent_key);
+        object = parent;
+    }
+}
+
+fn mesh(
+    file: &str,
+    root: &str,
+    members: &[(&str, &CityObject)],
+    vertices: &[Point3<f64>],
+    report: &mut ImportReport,
+) -> Result<RawMesh, ImportError> {
+    let mut mesh = RawMesh { name: tidy(root), place: Place::Object(tidy(root)), triangles: Vec::new(), degenerate: 0 };
+    let detail = |object: &CityObject| object.geometry.iter().flatten().filter_map(level).fold(0.0, f64::max);
+    let parts_detail = members.iter().filter(|(key, _)| *key != root).map(|(_, object)| detail(object)).fold(0.0, f64::max);
+    for (key, object) in members {
+        let own = detail(object);
+        // A coarse hull of the whole would swallow its finer parts.
+        if *key == root && own < parts_detail {
+            continue;
+        }
+        for geometry in object.geometry.iter().flatten().filter(|geometry| own >= 1.0 && level(geometry) == Some(own)) {
+            let mut surfaces = Vec::new();
+            if !gather(&geometry.kind, &geometry.boundaries, &mut surfaces) {
+                let done = format!("a geometry of type {:?} is not read", tidy(&geometry.kind));
+                report.add(&mesh.name, Place::Object(tidy(key)), ItemKind::PartsDropped, done);
+            }
+            for surface in surfaces {
+                add_surface(file, key, surface, vertices, &mut mesh)?;
+            }
+        }
+    }
+    Ok(mesh)
+}
+
+/// The level of detail as a number: 2, "2" and "2.2" occur.
+fn level(geometry: &CityGeometry) -> Option<f64> {
+    let level = match &geometry.lod {
+        Value::Number(number) => number.as_f64(),
+        Value::String(text) => text.trim().parse().ok(),
+        _ => None,
+    };
+    level.filter(|level: &f64| level.is_finite())
+}
+
+/// Collects the surfaces (lists of rings) of a geometry; says whether its type is one that has them.
+fn gather<'a>(kind: &str, boundaries: &'a Value, surfaces: &mut Vec<&'a Vec<Value>>) -> bool {
+    let parts = || boundaries.as_array().into_iter().flatten();
+    match kind {
+        "MultiSurface" | "CompositeSurface" => surfaces.extend(parts().filter_map(Value::as_array)),
+        "Solid" => surfaces.extend(parts().take(1).filter_map(Value::as_array).flatten().filter_map(Value::as_array)),
+        "MultiSolid" | "CompositeSolid" => return parts().all(|solid| gather("Solid", solid, surfaces)),
+        _ => return false,
+    }
+    true
+}
+
+fn add_surface(
+    file: &str,
+    object: &str,
+    surface: &[Value],
+    vertices: &[Point3<f64>],
+    mesh: &mut RawMesh,
+) -> Result<(), ImportError> {
+    let mut rings = Vec::with_capacity(surface.len());
+    for ring in surface {
+        let mut points = Vec::new();
+        for index in ring.as_array().into_iter().flatten() {
+            let vertex = index.as_u64().and_then(|index| vertices.get(usize::try_from(index).ok()?));
+            points.push(*vertex.ok_or_else(|| ImportError::VertexIndex {
+                file: file.into(),
+                object: tidy(object),
+                index: tidy(&index.to_string()),
+                vertices: vertices.len(),
+            })?);
+        }
+        rings.push(points);
+    }
+    match faces::triangulate(&rings) {
+        Some(triangles) => mesh.triangles.extend(triangles),
+        None => mesh.degenerate += 1,
+    }
+    Ok(())
+}
+
+/// Moves the meshes to the local frame: the middle of their box becomes the origin, the ground z = 0.
+fn to_local(file: &str, model: &CityModel, meshes: &mut [RawMesh], report: &mut ImportReport) -> Result<LocalFrame, ImportError> {
+    let Some(bounds) = meshes::bounds(meshes) else { return Ok(LocalFrame::default()) };
+    let ground = meshes::ground(meshes);
+    let middle = nalgebra::center(&bounds.min, &bounds.max);
+    let origin = Point3::new(middle.x, middle.y, ground);
+    report.epsg = model.metadata.get("referenceSystem").and_then(crs::epsg_code);
+    let placement = match report.epsg.map(|epsg| (epsg, crs::place(epsg, origin))) {
+        Some((_, Ok(placement))) => Some(placement),
+        Some((epsg, Err(Unplaced::Geographic))) => return Err(ImportError::Geographic { file: file.into(), epsg }),
+        Some((epsg, Err(Unplaced::Unknown))) => {
+            report.notes.push(format!("EPSG:{epsg} cannot be projected to WGS84: the scene has no place on Earth"));
+            None
+        }
+        None => {
+            report.notes.push("the file names no EPSG code: the scene has no place on Earth".into());
+            None
+        }
+    };
+    if let Some(placement) = &placement {
+        report.notes.push(note_of(placement));
+    }
+    for corner in meshes.iter_mut().flat_map(|mesh| mesh.triangles.iter_mut().flatten()) {
+        let offset = *corner - origin;
+        let ([x, y], z) = match &placement {
+            Some(placement) => (placement.turned([offset.x, offset.y]), offset.z * placement.height_unit_m),
+            None => ([offset.x, offset.y], offset.z),
+        };
+        *corner = Point3::new(x, y, z);
+    }
+    Ok(LocalFrame { origin: placement.map(|placement| placement.origin) })
+}
+
+fn note_of(placement: &Placement) -> String {
+    format!(
+        "grid turned by {:.3} degrees to true north and scaled by {:.5}; ground at {:.2} m in the file",
+        placement.angle_deg, placement.unit_m, placement.origin.alt_m
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::settings::Settings;
+
+    fn read_value(value: &Value) -> Result<(Scene, ImportReport), ImportError> {
+        read("town.city.json", value.to_string().as_bytes(), &Settings::default().proxy)
+    }
+
+    /// Eight corners of a box, `first` its lowest index: the faces of its solid look outwards.
+    fn shell(first: u32) -> Value {
+        let faces = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
+        json!(faces.map(|face| [face.map(|index| index + first)]))
+    }
+
+    fn corners(x: f64, side: f64, z: f64, height: f64) -> Vec<[f64; 3]> {
+        let ring = [[x, 0.0], [x + side, 0.0], [x + side, side], [x, side]];
+        [z, z + height].iter().flat_map(|&z| ring.map(|[x, y]| [x, y, z])).collect()
+    }
+
+    fn town() -> Value {
+        json!({
+            "type": "CityJSON", "version": "1.1",
+            "transform": { "scale": [0.5, 0.5, 0.5], "translate": [90_000.0, 435_000.0, -1.0] },
+            "metadata": { "referenceSystem": "https://www.opengis.net/def/crs/EPSG/0/7415" },
+            "CityObjects": {
+                "house": { "type": "Building", "children": ["house-0"], "geometry": [
+                    { "type": "Solid", "lod": "1.2", "boundaries": [shell(16)] },
+                    { "type": "MultiSurface", "lod": "0", "boundaries": [[[0, 1, 2, 3]]] },
+                ] },
+                "house-0": { "type": "BuildingPart", "parents": ["house"], "geometry": [
+                    { "type": "Solid", "lod": "1.3", "boundaries": [shell(16)] },
+                    { "type": "Solid", "lod": 2.2, "boundaries": [shell(0), shell(16)] },
+                ] },
+                "hall": { "type": "Building", "geometry": [{ "type": "CompositeSolid", "lod": 2, "boundaries": [[shell(8)]] }] },
+                "road": { "type": "Road", "geometry": [{ "type": "MultiSurface", "lod": "1", "boundaries": [[[0, 1, 2, 3]]] }] },
+            },
+            "vertices": ([corners(0.0, 20.0, 0.0, 24.0), corners(60.0, 20.0, 0.0, 40.0), corners(0.0, 100.0, 0.0, 200.0)].concat()),
+        })
+    }
+
+    #[test]
+    fn a_building_is_one_structure_at_its_highest_detail() {
+        let (scene, report) = read_value(&town()).unwrap();
+        let mut heights: Vec<_> =
+            scene.structures.iter().map(|s| (s.name.as_str(), s.triangles().len(), s.bounds().max.z)).collect();
+        heights.sort_by(|a, b| a.0.cmp(b.0));
+        assert_eq!(heights, [("hall", 12, 20.0), ("house", 12, 12.0)]);
+        assert_eq!(report.ignored["Road"], 1);
+        assert_eq!(report.epsg, Some(7415));
+        let origin = scene.frame.origin.unwrap();
+        assert!((origin.lat_deg - 51.9).abs() < 0.02 && (origin.lon_deg - 4.43).abs() < 0.02, "{origin:?}");
+        assert_eq!(origin.alt_m, -1.0);
+        let bounds = scene.bounds().unwrap();
+        assert_eq!(bounds.min.z, 0.0);
+        assert!((bounds.min.x + bounds.max.x).abs() < 0.2, "the origin is the middle");
+        assert!(scene.structures.iter().all(|s| s.contains(&nalgebra::center(&s.bounds().min, &s.bounds().max))));
+    }
+
+    #[test]
+    fn other_reference_systems_are_noted_or_refused() {
+        let mut town = town();
+        town["metadata"]["referenceSystem"] = json!("EPSG:99999");
+        let (scene, report) = read_value(&town).unwrap();
+        assert_eq!(scene.frame.origin, None);
+        assert!(report.notes.iter().any(|note| note.contains("99999")), "{:?}", report.notes);
+        town["metadata"] = json!({});
+        assert_eq!(read_value(&town).unwrap().0.frame.origin, None);
+        town["metadata"]["referenceSystem"] = json!("EPSG:4326");
+        assert!(matches!(read_value(&town), Err(ImportError::Geographic { epsg: 4326, .. })));
+    }
+
+    #[test]
+    fn damaged_models_are_refused() {
+        let mut broken = town();
+        broken["CityObjects"]["hall"]["geometry"][0]["boundaries"] = json!([[[[[0, 1, 99]]]]]);
+        let error = read_value(&broken).unwrap_err();
+        assert!(error.to_string().contains("\"hall\"") && error.to_string().contains("99"), "{error}");
+        broken["CityObjects"]["hall"]["geometry"][0]["boundaries"] = json!([[[[[0, 1, -1]]]]]);
+        assert!(matches!(read_value(&broken), Err(ImportError::VertexIndex { .. })));
+        broken["CityObjects"] = json!({});
+        assert!(matches!(read_value(&broken), Err(ImportError::NoStructures { .. })));
+        let mut absurd = town();
+        absurd["transform"]["scale"] = json!([1e308, 1e308, 1e308]);
+        absurd["transform"]["translate"] = json!([1e308, 1e308, 1e308]);
+        assert!(read_value(&absurd).is_err());
+    }
+
+    #[test]
+    fn parents_in_a_circle_end() {
+        let mut town = town();
+        town["CityObjects"]["house"]["parents"] = json!(["house-0", "nobody"]);
+        assert_eq!(read_value(&town).unwrap().0.structures.len(), 2);
+    }
+
+    #[test]
+    fn a_part_far_away_and_flat_ground_are_left_out() {
+        let mut town = town();
+        let vertices = town["vertices"].as_array_mut().unwrap();
+        vertices.extend(corners(1e6, 20.0, 0.0, 24.0).into_iter().map(|corner| json!(corner)));
+        vertices.extend(corners(100.0, 20.0, 0.0, 0.4).into_iter().map(|corner| json!(corner)));
+        town["CityObjects"]["far"] =
+            json!({ "type": "Building", "geometry": [{ "type": "Solid", "lod": 1, "boundaries": [shell(24)] }] });
+        town["CityObjects"]["slab"] =
+            json!({ "type": "Bridge", "geometry": [{ "type": "Solid", "lod": 1, "boundaries": [shell(32)] }] });
+        let (scene, report) = read_value(&town).unwrap();
+        assert_eq!(scene.structures.len(), 2);
+        assert_eq!((report.count(ItemKind::Outlier), report.count(ItemKind::NoGeometry)), (1, 1));
+    }
 }

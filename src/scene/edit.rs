@@ -230,8 +230,7 @@ fn prism(outline: &Polygon<f64>, base_m: f64, top_m: f64) -> Result<Shape, Strin
         return Err("a corner is not finite or too far away".into());
     }
     let mut repairs = Vec::new();
-    let footprint =
-        footprint::repair_closed(std::slice::from_ref(outline), &mut repairs).ok_or_else(|| "it encloses no area".to_owned())?;
+    let footprint = footprint::repair_closed(std::slice::from_ref(outline), &mut repairs)?;
     let harmless = [ItemKind::WrongWinding, ItemKind::OpenRing, ItemKind::DuplicateVertices];
     match repairs.into_iter().find(|(kind, _)| !harmless.contains(kind)) {
         Some((_, problem)) => Err(problem),

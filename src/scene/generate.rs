@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use geo::orient::{Direction, Orient};
 use geo::{Coord, LineString, MapCoords, MultiPolygon, Polygon};
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
@@ -167,7 +168,7 @@ fn tops(rng: &mut ChaCha8Rng, lots: &[Lot], settings: &BlockSettings) -> Vec<Top
         wide.swap(number, chosen);
         let share = if number == 0 { 1.0 } else { between(rng, 0.55, 0.95) };
         let top_m = round_dm((high_m * share).max(low_m));
-        let podium_m = round_dm(between(rng, 0.12, 0.2) * top_m);
+        let podium_m = round_dm((between(rng, 0.12, 0.2) * top_m).max(low_m).min(0.5 * top_m));
         tops[wide[number]] = Top::Tower { podium_m, top_m };
     }
     tops
@@ -189,8 +190,15 @@ fn build_lot(rng: &mut ChaCha8Rng, number: usize, lot: &Lot, top: Top) -> Vec<(S
     }
 }
 
-/// A rectangle, L, U or court, as the plot allows.
+/// A rectangle, L, U or court, as the plot allows, facing any way.
 fn common_outline(rng: &mut ChaCha8Rng, plot: &Lot) -> Polygon<f64> {
+    let outline = outline_facing_north(rng, plot);
+    let mirror = rng.next_u64() % 4;
+    let flip = |axis: usize, at: f64| if mirror >> axis & 1 == 1 { plot.min[axis] + plot.max[axis] - at } else { at };
+    outline.map_coords(|corner| Coord { x: flip(0, corner.x), y: flip(1, corner.y) }).orient(Direction::Default)
+}
+
+fn outline_facing_north(rng: &mut ChaCha8Rng, plot: &Lot) -> Polygon<f64> {
     let draw = between(rng, 0.0, 1.0);
     // Wings of at least 8 m, so that small plots stay rectangles.
     let wing = |rng: &mut ChaCha8Rng| round_dm((plot.narrow() * between(rng, 0.28, 0.36)).max(8.0));

@@ -234,9 +234,9 @@ impl<'a> Builder<'a> {
             Location::OffEarth => return Err((ItemKind::Outlier, "its coordinates are no longitude and latitude".into())),
         }
         let polygons = self.project(feature, location == Location::Swapped);
-        let footprint = footprint::repair(&polygons, repairs).ok_or_else(|| {
+        let footprint = footprint::repair(&polygons, repairs).map_err(|reason| {
             let nothing = feature.polygons.iter().all(Vec::is_empty);
-            (ItemKind::NoGeometry, if nothing { feature.missing.clone() } else { "its rings enclose no area".into() })
+            (ItemKind::NoGeometry, if nothing { feature.missing.clone() } else { reason })
         })?;
         if feature.is_zone() { self.add_zone(feature, footprint) } else { self.add_structure(feature, footprint, repairs) }
     }
@@ -304,4 +304,108 @@ fn geometry_key(footprint: &MultiPolygon<f64>, base_m: f64, top_m: f64) -> Vec<i
         }
     }
     key
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::settings::Settings;
+
+    fn read_value(value: &Value) -> Result<(Scene, ImportReport), ImportError> {
+        read("town.geojson", value.to_string().as_bytes(), &Settings::default().proxy)
+    }
+
+    fn square(lon: f64, lat: f64) -> Value {
+        let d = 1e-4;
+        json!([[[lon, lat], [lon + d, lat], [lon + d, lat + d], [lon, lat + d], [lon, lat]]])
+    }
+
+    fn building(lon: f64, lat: f64, properties: Value) -> Value {
+        json!({ "type": "Feature", "properties": properties, "geometry": { "type": "Polygon", "coordinates": square(lon, lat) } })
+    }
+
+    fn town(features: Vec<Value>) -> Value {
+        json!({ "type": "FeatureCollection", "features": features })
+    }
+
+    #[test]
+    fn no_fly_features_become_zones() {
+        let zone = |properties: Value| building(4.002, 52.0, properties);
+        let (scene, report) = read_value(&town(vec![
+            building(4.0, 52.0, json!({ "id": "a", "height": 10 })),
+            zone(json!({ "id": "school", "overfly": "no-fly" })),
+            zone(json!({ "id": "mast", "overfly": "no-fly", "min_height": 20, "height": "60 m" })),
+            zone(json!({ "id": "wrong", "overfly": "no-fly", "min_height": 70, "height": 60 })),
+        ]))
+        .unwrap();
+        let zones: Vec<_> = scene.zones.iter().map(|zone| (zone.name.as_str(), zone.floor_m, zone.ceiling_m)).collect();
+        assert_eq!(zones, [("school", 0.0, f64::MAX), ("mast", 20.0, 60.0)]);
+        assert_eq!(scene.structures.len(), 1);
+        assert_eq!((report.zones, report.count(ItemKind::ZoneDropped)), (2, 1));
+    }
+
+    #[test]
+    fn names_stay_unique_and_ids_sorted() {
+        let (scene, report) = read_value(&town(vec![
+            building(4.0, 52.0, json!({ "id": "a", "height": 10 })),
+            building(4.001, 52.0, json!({ "id": "a", "height": 10 })),
+            building(4.002, 52.0, json!({ "height": 10 })),
+        ]))
+        .unwrap();
+        for name in ["a", "a-2", "feature-2"] {
+            assert!(scene.find(name).is_some(), "{name}");
+        }
+        assert_eq!(report.count(ItemKind::Renamed), 1);
+        assert!(scene.structures.is_sorted_by(|a, b| a.id < b.id));
+    }
+
+    #[test]
+    fn the_order_of_the_file_does_not_matter() {
+        let mut features: Vec<Value> = (0..9)
+            .map(|i| building(4.0 + 2e-4 * f64::from(i % 3), 52.0 + 2e-4 * f64::from(i), json!({ "id": i, "height": 5 + i })))
+            .collect();
+        let (first, _) = read_value(&town(features.clone())).unwrap();
+        features.reverse();
+        assert_eq!(read_value(&town(features)).unwrap().0, first);
+    }
+
+    #[test]
+    fn files_that_are_no_scene_are_refused() {
+        let tokyo = |properties: Value| building(139.77, 35.68, properties);
+        let swapped = json!({ "type": "Feature", "properties": { "height": 9 }, "geometry": { "type": "Polygon", "coordinates": square(35.68, 139.77) } });
+        let projected = json!({ "type": "Feature", "properties": { "height": 9 }, "geometry": { "type": "Polygon", "coordinates": square(90_759.0, 435_665.0) } });
+        let mut declared = town(vec![projected.clone()]);
+        declared["crs"] = json!({ "type": "name", "properties": { "name": "urn:ogc:def:crs:EPSG::28992" } });
+        type Check = fn(&ImportError) -> bool;
+        let cases: [(Value, Check); 8] = [
+            (town(vec![]), |error| matches!(error, ImportError::NoStructures { .. })),
+            (town(vec![json!({ "type": "Feature", "properties": {}, "geometry": null })]), |error| {
+                matches!(error, ImportError::NoStructures { .. })
+            }),
+            (town(vec![json!(7), json!([]), json!("x")]), |error| matches!(error, ImportError::NoStructures { .. })),
+            (town(vec![tokyo(json!({})), tokyo(json!({ "height": "tall" }))]), |error| {
+                matches!(error, ImportError::NoHeights { .. })
+            }),
+            (town(vec![swapped]), |error| matches!(error, ImportError::SwappedCoordinates { .. })),
+            (town(vec![projected]), |error| matches!(error, ImportError::Projected { .. })),
+            (declared, |error| error.to_string().contains("28992")),
+            (json!({ "type": "FeatureCollection" }), |error| matches!(error, ImportError::Structure { .. })),
+        ];
+        for (value, check) in cases {
+            let error = read_value(&value).expect_err(&value.to_string());
+            assert!(check(&error) && error.to_string().starts_with("town.geojson: "), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_given_origin_is_kept_when_it_is_near() {
+        let mut value = town(vec![building(4.0, 52.0, json!({ "height": 10 }))]);
+        value["overfly_origin"] = json!({ "lat_deg": 52.001, "lon_deg": 4.001, "alt_m": 3.0 });
+        let origin = |value: &Value| read_value(value).unwrap().0.frame.origin.unwrap();
+        assert_eq!(origin(&value), Geodetic { lat_deg: 52.001, lon_deg: 4.001, alt_m: 3.0 });
+        value["overfly_origin"] = json!({ "lat_deg": 12.0, "lon_deg": 4.001, "alt_m": 3.0 });
+        assert!((origin(&value).lat_deg - 52.000_05).abs() < 1e-9);
+    }
 }

@@ -165,7 +165,11 @@ fn length_m(value: &Value, max_m: f64) -> Result<Reading, String> {
 fn storeys(value: &Value, settings: &ProxySettings) -> Result<Reading, String> {
     let found = quantity(value)?;
     let most = settings.max_height_m / settings.storey_height_m;
-    if found.value > 0.0 && found.value <= most { Ok(found) } else { Err(format!("is not a number of storeys ({value})")) }
+    if found.value * settings.storey_height_m >= LEAST_HEIGHT_M && found.value <= most {
+        Ok(found)
+    } else {
+        Err(format!("is not a number of storeys ({value})"))
+    }
 }
 
 fn quantity(value: &Value) -> Result<Reading, String> {
@@ -292,6 +296,8 @@ mod tests {
             (json!({"height": 20, "min_height": 25}), (0.0, 20.0, true, vec![BaseIgnored])),
             (json!({"height": 20, "min_height": -2}), (0.0, 20.0, true, vec![BaseIgnored])),
             (json!({"height": 20, "min_height": "low"}), (0.0, 20.0, true, vec![BaseIgnored])),
+            (json!({"building:levels": 0}), (0.0, 10.0, false, vec![HeightGuessed])),
+            (json!({"building:levels": ".01"}), (0.0, 10.0, false, vec![HeightGuessed])),
             (json!({"min_height": 30}), (30.0, 40.0, false, vec![HeightGuessed])),
         ];
         for (properties, expected) in cases {

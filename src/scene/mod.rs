@@ -9,12 +9,14 @@ pub mod read;
 pub mod report;
 
 mod cityjson;
+mod close;
 mod crs;
 mod faces;
 mod footprint;
 mod geojson;
 mod heights;
 mod locate;
+mod meshes;
 mod names;
 mod obj;
 mod orient;

@@ -63,7 +63,8 @@ pub enum Shape {
     Mesh { triangles: Vec<Triangle> },
 }
 
-/// A polygon that the drone must not enter between two heights above the ground plane.
+/// A polygon that the drone must not enter between two heights above the ground plane. A zone without a ceiling has
+/// `ceiling_m` = [`f64::MAX`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoFlyZone {
     pub name: String,

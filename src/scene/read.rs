@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use geo::{Area, BooleanOps};
+use geo::{Area, BooleanOps, CoordsIter};
 use serde::Deserialize;
 
 use super::proxy::{NoFlyZone, Scene, Shape, Structure};
@@ -167,15 +167,32 @@ fn looks_like_obj(bytes: &[u8]) -> bool {
 const LEAST_OVERLAP_M2: f64 = 0.5;
 const LEAST_OVERLAP_M: f64 = 0.1;
 
+/// The search for overlaps ends after this much work, counted in products of corners; real scenes of thousands of structures
+/// stay far below.
+const MOST_WORK: usize = 100_000_000;
+
 /// Counts pairs of prisms whose solids overlap. Meshes are left out: their shared walls cannot be told from overlaps.
 fn count_overlaps(structures: &[Structure], report: &mut ImportReport) {
-    let mut boxes: Vec<(Bounds, &Structure)> = structures.iter().map(|structure| (structure.bounds(), structure)).collect();
-    boxes.sort_by(|a, b| a.0.min.x.total_cmp(&b.0.min.x));
-    for (index, (bounds, structure)) in boxes.iter().enumerate() {
-        let near = boxes[index + 1..].iter().take_while(|(other, _)| other.min.x < bounds.max.x);
-        for (other_bounds, other) in near {
-            if boxes_overlap(bounds, other_bounds) && footprints_overlap(structure, other) {
-                report.add_overlap(&structure.name, &other.name);
+    let prisms = structures.iter().filter_map(|structure| match &structure.shape {
+        Shape::Prism { footprint, .. } => Some((structure.bounds(), structure.name.as_str(), footprint)),
+        Shape::Mesh { .. } => None,
+    });
+    let mut prisms: Vec<_> = prisms.collect();
+    prisms.sort_by(|a, b| a.0.min.x.total_cmp(&b.0.min.x));
+    let mut work = 0;
+    for (index, (bounds, name, footprint)) in prisms.iter().enumerate() {
+        let near = prisms[index + 1..].iter().take_while(|(other, ..)| other.min.x < bounds.max.x);
+        for (other_bounds, other_name, other) in near {
+            work += 1;
+            if boxes_overlap(bounds, other_bounds) {
+                work += footprint.coords_count() * other.coords_count();
+                if footprint.intersection(*other).unsigned_area() > LEAST_OVERLAP_M2 {
+                    report.add_overlap(name, other_name);
+                }
+            }
+            if work > MOST_WORK {
+                report.notes.push("so many structures overlap that not all pairs were counted".into());
+                return;
             }
         }
     }
@@ -184,13 +201,4 @@ fn count_overlaps(structures: &[Structure], report: &mut ImportReport) {
 fn boxes_overlap(a: &Bounds, b: &Bounds) -> bool {
     let depth = |axis: usize| a.max[axis].min(b.max[axis]) - a.min[axis].max(b.min[axis]);
     depth(0) > 0.0 && depth(1) > 0.0 && depth(0) * depth(1) > LEAST_OVERLAP_M2 && depth(2) > LEAST_OVERLAP_M
-}
-
-fn footprints_overlap(a: &Structure, b: &Structure) -> bool {
-    match (&a.shape, &b.shape) {
-        (Shape::Prism { footprint: a, .. }, Shape::Prism { footprint: b, .. }) => {
-            a.intersection(b).unsigned_area() > LEAST_OVERLAP_M2
-        }
-        _ => false,
-    }
 }

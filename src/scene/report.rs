@@ -76,6 +76,8 @@ pub enum ItemKind {
     WrongWinding,
     /// A ring that crosses itself or its hole.
     SelfIntersection,
+    /// A ring that does not cross itself, but whose corners seem to be in the wrong order.
+    SuspectOrder,
     /// Edges that run out and back.
     Spike,
     /// A hole that takes nothing or everything from its polygon.
@@ -106,6 +108,8 @@ pub enum ItemKind {
     NoGeometry,
     /// Faces without area, or of fewer than three vertices.
     DegenerateFaces,
+    /// Walls that the file leaves out, as between terraced houses.
+    WallsClosed,
     /// Faces turned outwards.
     FacesTurned,
     /// A zone that cannot be used.
@@ -144,6 +148,11 @@ impl ImportReport {
         }
     }
 
+    /// The first item, for the message when nothing is left.
+    pub(crate) fn first_item(&self) -> String {
+        self.items.first().map_or(String::new(), |item| format!(" (the first, {item})"))
+    }
+
     /// How many items there are of one kind.
     pub fn count(&self, kind: ItemKind) -> usize {
         self.counts.get(&kind).copied().unwrap_or(0)
@@ -178,6 +187,7 @@ impl fmt::Display for ItemKind {
             Self::OpenRing => "with an open ring",
             Self::WrongWinding => "wound the wrong way",
             Self::SelfIntersection => "with crossing rings",
+            Self::SuspectOrder => "with corners in a suspect order",
             Self::Spike => "with a spike",
             Self::HoleDropped => "with a wrong hole",
             Self::PartsUnited => "with overlapping parts",
@@ -193,6 +203,7 @@ impl fmt::Display for ItemKind {
             Self::Renamed => "renamed",
             Self::NoGeometry => "without usable geometry",
             Self::DegenerateFaces => "with degenerate faces",
+            Self::WallsClosed => "with missing walls filled in",
             Self::FacesTurned => "with faces turned outwards",
             Self::ZoneDropped => "unusable zones",
         })

@@ -2,7 +2,8 @@
 
 use geo::orient::{Direction, Orient};
 use geo::{
-    Area, BoundingRect, Contains, ConvexHull, LineString, MultiPoint, MultiPolygon, Point, Polygon, Rect, TriangulateEarcut,
+    Area, BooleanOps, BoundingRect, Contains, ConvexHull, LineString, MultiPoint, MultiPolygon, Point, Polygon, Rect,
+    TriangulateEarcut,
 };
 use nalgebra::{Point3, Vector3};
 
@@ -13,6 +14,9 @@ const STANDS_ON_GROUND_M: f64 = 1.0;
 
 /// Parts of an outline below this area are noise of the union, m^2.
 const OUTLINE_NOISE_M2: f64 = 0.01;
+
+/// So many triangles are united in one go.
+const MOST_AT_ONCE: usize = 512;
 
 /// A box along the axes, metres in the local frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -118,7 +122,13 @@ fn flat_triangles(polygon: &Polygon<f64>) -> Vec<[[f64; 2]; 3]> {
     }
     let cut = polygon.earcut_triangles_raw();
     let corners = cut.triangle_indices.chunks_exact(3).map(|corner| [0, 1, 2].map(|i| cut.vertices[corner[i]]));
-    corners.map(|[a, b, c]| if cross(a, b, c) < 0.0 { [a, c, b] } else { [a, b, c] }).collect()
+    corners.filter_map(counter_clockwise).collect()
+}
+
+/// The triangle turned counter-clockwise; `None` when it has no area.
+fn counter_clockwise([a, b, c]: [[f64; 2]; 3]) -> Option<[[f64; 2]; 3]> {
+    let doubled_m2 = cross(a, b, c);
+    (doubled_m2.abs() > 1e-8).then_some(if doubled_m2 < 0.0 { [a, c, b] } else { [a, b, c] })
 }
 
 fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
@@ -131,11 +141,10 @@ fn shadow(triangles: &[Triangle]) -> MultiPolygon<f64> {
     let flat: Vec<_> = triangles
         .iter()
         .map(|corners| corners.map(|corner| [corner.x, corner.y]))
-        .filter(|&[a, b, c]| cross(a, b, c).abs() > 1e-6)
-        .map(|[a, b, c]| if cross(a, b, c) < 0.0 { [a, c, b] } else { [a, b, c] })
+        .filter_map(counter_clockwise)
         .map(|corners| Polygon::new(LineString::from(corners.to_vec()), Vec::new()))
         .collect();
-    let mut united = geo::unary_union(&flat).orient(Direction::Default);
+    let mut united = united_all(&flat).orient(Direction::Default);
     united.0.retain(|polygon| polygon.unsigned_area() > OUTLINE_NOISE_M2);
     for polygon in &mut united.0 {
         let (exterior, mut holes) = std::mem::replace(polygon, Polygon::empty()).into_inner();
@@ -154,6 +163,16 @@ fn shadow(triangles: &[Triangle]) -> MultiPolygon<f64> {
     let margin_m = 0.05;
     let grown = Rect::new((rect.min().x - margin_m, rect.min().y - margin_m), (rect.max().x + margin_m, rect.max().y + margin_m));
     MultiPolygon(vec![grown.to_polygon().orient(Direction::Default)])
+}
+
+/// Many triangles are united in halves: random triangles cross each other in a number that grows with the square of theirs, but
+/// their union is simple.
+fn united_all(polygons: &[Polygon<f64>]) -> MultiPolygon<f64> {
+    if polygons.len() <= MOST_AT_ONCE {
+        return geo::unary_union(polygons);
+    }
+    let (left, right) = polygons.split_at(polygons.len() / 2);
+    united_all(left).union(&united_all(right))
 }
 
 /// How often the surface winds round `point`: 1 inside, 0 outside, in between where the surface has gaps.

@@ -4,8 +4,10 @@ pub mod objective;
 pub mod outcome;
 pub mod problem;
 mod rrt_star;
+#[cfg(test)]
+mod tests;
 mod tree;
 
-pub use outcome::Outcome;
+pub use outcome::{Iteration, Outcome, Progress, StopReason};
 pub use problem::{Problem, SearchError};
 pub use rrt_star::search;

@@ -1,7 +1,6 @@
 //! What a search returns: always the best path so far, never an error because it was stopped.
 
 use crate::camera::Pose;
-use crate::trajectory::plan::{Iteration, StopReason};
 
 /// The result of a search.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,4 +10,32 @@ pub struct Outcome {
     /// The best path after each iteration.
     pub convergence: Vec<Iteration>,
     pub stop: StopReason,
+}
+
+/// The best path after one iteration, by the field.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Iteration {
+    pub objective: f64,
+    pub coverage_percent: f64,
+    pub length_m: f64,
+    pub turning_s: f64,
+}
+
+/// Why a search ended. None of them is an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopReason {
+    GoalReached,
+    IterationsUsed,
+    Cancelled,
+}
+
+/// How far a search has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    pub iteration: u32,
+    pub iterations: u32,
+    /// Best path so far, by the field.
+    pub coverage_percent: f64,
+    pub length_m: f64,
+    pub objective: f64,
 }

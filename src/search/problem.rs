@@ -5,10 +5,11 @@ use overfly_table::FieldTable;
 
 use super::objective::Objective;
 use crate::camera::{Pose, Rig};
-use crate::coverage::{DiskModel, Information, Mask, SampleFrame};
+use crate::coverage::union::{self, Gained, Observations};
+use crate::coverage::{CELLS, DiskModel, Information, Mask, SampleFrame};
 use crate::field::Lookup;
+use crate::field::Snapshot;
 use crate::scene::free_space::FreeSpace;
-use crate::session::Snapshot;
 use crate::settings::{SearchSettings, Settings};
 
 /// Why a search could not start or go on.
@@ -37,13 +38,9 @@ pub struct Problem<'a> {
     disks: &'a DiskModel,
     lookup: &'a Lookup,
     frames: Vec<SampleFrame>,
-}
-
-/// What a set of views covers: samples in ascending order with their masks.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Observations {
-    samples: Vec<u32>,
-    masks: Vec<Mask>,
+    areas_mm2: Vec<u64>,
+    /// Cells that a capturable sample must exceed; all cells for one that cannot be captured.
+    thresholds: Vec<u32>,
 }
 
 /// Dense masks while observations are gathered, kept between uses so that nothing is allocated on the hot path.
@@ -71,6 +68,8 @@ impl<'a> Problem<'a> {
             disks: &snapshot.disks,
             lookup: &snapshot.lookup,
             frames: frames(&field),
+            areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
+            thresholds: field.ceilings.iter().map(|&c| if u32::from(c) > threshold { threshold } else { CELLS as u32 }).collect(),
             field,
         }
     }
@@ -118,34 +117,17 @@ impl<'a> Problem<'a> {
 
     /// Area-weighted cells that `seen` adds to `covered` (Eq. 2 over all samples).
     pub fn gain(&self, covered: &[Mask], seen: &Observations) -> Information {
-        let area = |i: usize| self.field.samples[i].area_mm2;
-        seen.iter().map(|(i, mask)| u64::from((mask & !covered[i]).count_ones()) * area(i)).sum()
+        union::gain(covered, seen, &self.areas_mm2)
     }
 
-    /// Adds `seen` to `covered`; returns the information gained and the capturable samples that crossed the threshold.
-    pub fn cover(&self, covered: &mut [Mask], seen: &Observations) -> (Information, u32) {
-        let threshold = self.field.facts.threshold_cells;
-        let (mut information, mut captured) = (0, 0);
-        for (i, mask) in seen.iter() {
-            let before = covered[i].count_ones();
-            covered[i] |= mask;
-            let after = covered[i].count_ones();
-            information += u64::from(after - before) * self.field.samples[i].area_mm2;
-            let capturable = u32::from(self.field.ceilings[i]) > threshold;
-            captured += u32::from(capturable && before <= threshold && after > threshold);
-        }
-        (information, captured)
+    /// Adds `seen` to `covered`; counts the capturable samples that crossed the threshold.
+    pub fn cover(&self, covered: &mut [Mask], seen: &Observations) -> Gained {
+        union::cover(covered, seen, &self.areas_mm2, &self.thresholds)
     }
 
     /// Share of the capturable samples, percent.
     pub fn coverage_percent(&self, captured: u32) -> f64 {
         if self.capturable == 0 { 100.0 } else { 100.0 * f64::from(captured) / f64::from(self.capturable) }
-    }
-}
-
-impl Observations {
-    pub fn iter(&self) -> impl Iterator<Item = (usize, Mask)> + '_ {
-        self.samples.iter().map(|&i| i as usize).zip(self.masks.iter().copied())
     }
 }
 
@@ -167,7 +149,7 @@ impl Scratch {
         let masks = self.touched.iter().map(|&i| std::mem::take(&mut self.masks[i as usize])).collect();
         let samples = self.touched.clone();
         self.touched.clear();
-        Observations { samples, masks }
+        Observations::new(samples, masks)
     }
 }
 

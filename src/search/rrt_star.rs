@@ -6,12 +6,11 @@ use nalgebra::{Point3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 
-use super::outcome::Outcome;
+use super::outcome::{Iteration, Outcome, Progress, StopReason};
 use super::problem::{Problem, SearchError};
 use super::tree::{Node, Tree};
 use crate::camera::Pose;
-use crate::planner::{Progress, StopToken};
-use crate::trajectory::plan::{Iteration, StopReason};
+use crate::stop::StopToken;
 
 /// Random positions that are tried before the start counts as walled in.
 const SAMPLE_TRIES: u32 = 20_000;
@@ -57,7 +56,7 @@ pub fn search(
 }
 
 /// One pass through the body of Algorithm 2.
-fn expand(problem: &Problem, tree: &mut Tree, random: &mut ChaCha8Rng, stop: &StopToken) -> Result<(), SearchError> {
+pub(super) fn expand(problem: &Problem, tree: &mut Tree, random: &mut ChaCha8Rng, stop: &StopToken) -> Result<(), SearchError> {
     // "w_new <- Random_Sample(F, T)".
     let (pose, reachable_from) = random_sample(problem, tree, random)?;
     let new = tree.add(pose);
@@ -108,7 +107,7 @@ fn find_neighbours(problem: &Problem, tree: &mut Tree, w: usize) -> Vec<usize> {
 }
 
 /// Algorithm 5, Rewire_Tree. The time budget counts reconnections, with a cap on the nodes that are looked at.
-fn rewire_tree(problem: &Problem, tree: &mut Tree, start: usize, stop: &StopToken) {
+pub(super) fn rewire_tree(problem: &Problem, tree: &mut Tree, start: usize, stop: &StopToken) {
     // "queue Q <- w".
     let mut queue = VecDeque::from([start]);
     let (mut reconnections, mut pops) = (0, 0);

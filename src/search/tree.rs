@@ -3,9 +3,10 @@
 use std::collections::HashMap;
 
 use super::objective::PathSums;
-use super::problem::{Observations, Problem, Scratch};
+use super::problem::{Problem, Scratch};
 use crate::camera::Pose;
 use crate::coverage::Mask;
+use crate::coverage::union::{Gained, Observations};
 
 /// A candidate waypoint.
 #[derive(Clone, Debug)]
@@ -36,7 +37,7 @@ impl<'p, 'a> Tree<'p, 'a> {
     pub fn new(problem: &'p Problem<'a>, root: Pose) -> Self {
         let mut scratch = problem.scratch();
         let mut covered = vec![0; problem.field.samples.len()];
-        let (information, captured) = problem.cover(&mut covered, &problem.observe_pose(&root, &mut scratch));
+        let Gained { information, captured } = problem.cover(&mut covered, &problem.observe_pose(&root, &mut scratch));
         let sums = PathSums { information, ..Default::default() };
         let objective = problem.objective.value(&sums);
         let root = Node { pose: root, parent: None, children: Vec::new(), sums, objective, captured, covered };
@@ -102,10 +103,10 @@ impl<'p, 'a> Tree<'p, 'a> {
         covered.clone_from(&self.nodes[parent].covered);
         self.leg(parent, node);
         let seen = self.legs[&(parent, node)].as_ref().expect("only legs that can be flown are connected");
-        let (gain, captured) = self.problem.cover(&mut covered, seen);
+        let gained = self.problem.cover(&mut covered, seen);
         let mut sums = self.sums_with_leg(parent, node);
-        sums.information += gain;
-        let captured = self.nodes[parent].captured + captured;
+        sums.information += gained.information;
+        let captured = self.nodes[parent].captured + gained.captured;
         let objective = self.problem.objective.value(&sums);
         let entry = &mut self.nodes[node];
         (entry.covered, entry.sums, entry.captured, entry.objective) = (covered, sums, captured, objective);

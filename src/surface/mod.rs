@@ -6,8 +6,10 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 use crate::scene::{Bounds, Scene, Shape, Structure, Triangle};
+use crate::stop::StopToken;
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,32 +35,36 @@ pub struct Sampling {
     pub offset_m: f64,
 }
 
-/// The spacing at which about `target` samples are exposed, m; `None` when nothing of the scene is exposed.
-pub fn choose_spacing_m(scene: &Scene, target: u32, seed: u64, offset_m: f64) -> Option<f64> {
+/// The spacing at which about `target` samples are exposed, m: 0 when nothing of the scene is; `None` when stopped.
+pub fn choose_spacing_m(scene: &Scene, target: u32, seed: u64, offset_m: f64, stop: &StopToken) -> Option<f64> {
     let area: f64 = scene.structures.iter().flat_map(|s| s.triangles()).map(|t| area_m2(&t)).sum();
     let target = f64::from(target.max(1));
     // A first pass over the whole surface tells which share of it is exposed; the number of samples goes with 1 / spacing^2.
     let trial = Sampling { spacing_m: (area / target).sqrt(), seed, offset_m };
     if !(trial.spacing_m > 0.0 && trial.spacing_m.is_finite()) {
-        return None;
+        return Some(0.0);
     }
-    let exposed = sample_scene(scene, &trial).iter().filter(|sample| sample.exposed).count();
-    (exposed > 0).then(|| trial.spacing_m * (exposed as f64 / target).sqrt())
+    let exposed = sample_scene(scene, &trial, stop)?.iter().filter(|sample| sample.exposed).count();
+    Some(trial.spacing_m * (exposed as f64 / target).sqrt())
 }
 
-/// All samples of the scene, in the order of its structures.
-pub fn sample_scene(scene: &Scene, sampling: &Sampling) -> Vec<Sample> {
+/// All samples of the scene, in the order of its structures; `None` when stopped.
+pub fn sample_scene(scene: &Scene, sampling: &Sampling, stop: &StopToken) -> Option<Vec<Sample>> {
     let bounds: Vec<Bounds> = scene.structures.iter().map(|structure| structure.bounds()).collect();
-    let mut samples = Vec::new();
-    for (index, structure) in scene.structures.iter().enumerate() {
+    let of_structure = |(index, structure): (usize, &Arc<Structure>)| {
+        if stop.is_stopped() {
+            return None;
+        }
         let neighbours = neighbours(scene, &bounds, index, sampling.offset_m);
-        samples.extend(sample_structure(structure, sampling).into_iter().map(|mut sample| {
+        let mut samples = sample_structure(structure, sampling);
+        for sample in &mut samples {
             sample.structure = index as u32;
-            sample.exposed = is_exposed(&sample, &neighbours, sampling.offset_m);
-            sample
-        }));
-    }
-    samples
+            sample.exposed = is_exposed(sample, &neighbours, sampling.offset_m);
+        }
+        Some(samples)
+    };
+    let sampled: Option<Vec<Vec<Sample>>> = scene.structures.par_iter().enumerate().map(of_structure).collect();
+    sampled.map(|structures| structures.concat())
 }
 
 /// The samples of one structure, all marked exposed.

@@ -4,6 +4,8 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use crate::frame::Geodetic;
 
+pub use crate::search::outcome::{Iteration, StopReason};
+
 /// One continuous flight that has passed the final safety check. Everything in it is a function of scene, settings, seed and budget.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -71,23 +73,6 @@ pub struct Metrics {
     pub capturable_percent: f64,
     pub information: f64,
     pub objective: f64,
-}
-
-/// The best path after one iteration, by the field.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Iteration {
-    pub objective: f64,
-    pub coverage_percent: f64,
-    pub length_m: f64,
-    pub turning_s: f64,
-}
-
-/// Why a search ended. None of them is an error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StopReason {
-    GoalReached,
-    IterationsUsed,
-    Cancelled,
 }
 
 /// What varies between runs of the same plan: written to `run.json`, never to `plan.json`.

@@ -1,0 +1,151 @@
+//! Settings from the text of a configuration file, over the embedded defaults.
+
+use toml::{Table, Value};
+
+use super::{DEFAULT_TOML, Settings};
+
+/// What is wrong with a configuration.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    #[error("{0}")]
+    Syntax(#[from] toml::de::Error),
+    #[error("`{key}` is {value}, but must lie between {least} and {most}")]
+    Range { key: &'static str, value: f64, least: f64, most: f64 },
+    #[error("`{lower}` must not exceed `{upper}`")]
+    Order { lower: &'static str, upper: &'static str },
+    #[error("`flight.no_fly` {name:?}: {reason}")]
+    Zone { name: String, reason: &'static str },
+}
+
+impl Settings {
+    /// Settings of a file that gives only the keys that it changes. Unknown keys and values out of range are errors.
+    pub fn parse(text: &str) -> Result<Self, SettingsError> {
+        let mut all: Table = toml::from_str(DEFAULT_TOML)?;
+        overlay(&mut all, toml::from_str(text)?);
+        let settings: Self = Value::Table(all).try_into()?;
+        settings.check()?;
+        Ok(settings)
+    }
+
+    /// Whether every value lies in a range in which the planner works.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        for (key, value, least, most) in self.ranges() {
+            if !(least..=most).contains(&value) {
+                return Err(SettingsError::Range { key, value, least, most });
+            }
+        }
+        self.check_orders()?;
+        self.flight.no_fly.iter().try_for_each(|zone| {
+            let fault = |reason| Err(SettingsError::Zone { name: zone.name.clone(), reason });
+            if zone.outline_m.len() < 3 {
+                return fault("its outline needs at least three corners");
+            }
+            if !zone.outline_m.iter().flatten().chain([&zone.floor_m, &zone.ceiling_m]).all(|v| v.is_finite()) {
+                return fault("its numbers must be finite");
+            }
+            if zone.floor_m >= zone.ceiling_m {
+                return fault("its floor must lie below its ceiling");
+            }
+            Ok(())
+        })
+    }
+
+    fn check_orders(&self) -> Result<(), SettingsError> {
+        let orders = [
+            (self.flight.altitude_min_m, "flight.altitude_min_m", self.flight.legal_ceiling_m, "flight.legal_ceiling_m"),
+            (self.flight.safety_distance_m, "flight.safety_distance_m", self.field.shell_m, "field.shell_m"),
+            (self.coverage.full_disk_m, "coverage.full_disk_m", self.coverage.range_m, "coverage.range_m"),
+            (self.search.neighbour_min_m, "search.neighbour_min_m", self.search.neighbour_max_m, "search.neighbour_max_m"),
+        ];
+        let wrong = orders.into_iter().find(|(low, _, high, _)| low > high);
+        wrong.map_or(Ok(()), |(_, lower, _, upper)| Err(SettingsError::Order { lower, upper }))
+    }
+
+    fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
+        let Self { proxy, surface, flight, field, coverage, objective, search, daemon } = self;
+        vec![
+            ("proxy.storey_height_m", proxy.storey_height_m, 1.0, 20.0),
+            ("proxy.default_height_m", proxy.default_height_m, 1.0, 1000.0),
+            ("proxy.max_height_m", proxy.max_height_m, 1.0, 10_000.0),
+            ("proxy.max_extent_m", proxy.max_extent_m, 10.0, 100_000.0),
+            ("surface.samples", f64::from(surface.samples), 1.0, 1_000_000.0),
+            ("surface.exposure_offset_m", surface.exposure_offset_m, 0.001, 2.0),
+            ("flight.cruise_speed_mps", flight.cruise_speed_mps, 0.1, 100.0),
+            ("flight.safety_distance_m", flight.safety_distance_m, 0.5, 1000.0),
+            ("flight.altitude_min_m", flight.altitude_min_m, 0.5, 10_000.0),
+            ("flight.above_tallest_m", flight.above_tallest_m, 0.0, 10_000.0),
+            ("flight.legal_ceiling_m", flight.legal_ceiling_m, 1.0, 10_000.0),
+            ("flight.lateral_margin_m", flight.lateral_margin_m, 0.0, 10_000.0),
+            ("field.viewpoints", f64::from(field.viewpoints), 1.0, 1_000_000.0),
+            ("field.max_spacing_m", field.max_spacing_m, 1.0, 1000.0),
+            ("field.shell_m", field.shell_m, 1.0, 1000.0),
+            ("coverage.theta0_deg", coverage.theta0_deg, 1.0, 89.0),
+            ("coverage.full_disk_m", coverage.full_disk_m, 0.0, 10_000.0),
+            ("coverage.falloff_m", coverage.falloff_m, 1.0, 100_000.0),
+            ("coverage.max_incidence_deg", coverage.max_incidence_deg, 1.0, 89.9),
+            ("coverage.range_m", coverage.range_m, 1.0, 10_000.0),
+            ("coverage.threshold_percent", coverage.threshold_percent, 0.0, 99.0),
+            ("coverage.goal_percent", coverage.goal_percent, 0.0, 100.0),
+            ("objective.eta", objective.eta, 0.0, 100.0),
+            ("objective.alpha_t", objective.alpha_t, 0.0, 10_000.0),
+            ("objective.information_scale", objective.information_scale, 1e-6, 1e6),
+            ("objective.reference_area_m2", objective.reference_area_m2, 1.0, 1e12),
+            ("objective.reference_length_m", objective.reference_length_m, 1.0, 1e9),
+            ("objective.turn_hairpin_s", objective.turn_hairpin_s, 0.0, 1000.0),
+            ("objective.turn_curvature_s", objective.turn_curvature_s, 0.0, 1000.0),
+            ("search.iterations", f64::from(search.iterations), 0.0, 1_000_000.0),
+            ("search.neighbour_share", search.neighbour_share, 0.0, 1.0),
+            ("search.neighbour_min_m", search.neighbour_min_m, 1.0, 10_000.0),
+            ("search.neighbour_max_m", search.neighbour_max_m, 1.0, 10_000.0),
+            ("search.image_spacing_m", search.image_spacing_m, 0.5, 1000.0),
+            ("search.shutter_interval_s", search.shutter_interval_s, 0.0, 60.0),
+            ("daemon.memory_budget_mb", daemon.memory_budget_mb as f64, 1.0, 1e9),
+            ("daemon.max_scene_mb", daemon.max_scene_mb as f64, 1.0, 4096.0),
+            ("daemon.threads", f64::from(daemon.threads), 0.0, 1024.0),
+        ]
+    }
+}
+
+fn overlay(below: &mut Table, above: Table) {
+    for (key, value) in above {
+        match (below.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => overlay(below, above),
+            (_, value) => {
+                below.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_embedded_defaults_are_in_range() {
+        assert_eq!(Settings::default().check(), Ok(()));
+        assert_eq!(Settings::parse("").as_ref(), Ok(&Settings::default()));
+    }
+
+    #[test]
+    fn a_file_changes_only_the_keys_that_it_gives() {
+        let mut expected = Settings::default();
+        expected.surface.samples = 77;
+        assert_eq!(Settings::parse("[surface]\nsamples = 77\n"), Ok(expected));
+    }
+
+    #[test]
+    fn every_mistake_is_named() {
+        for (text, named) in [
+            ("[surface]\nsample = 77\n", "sample"),
+            ("[surface]\nsamples = -1\n", "samples"),
+            ("[flight\n", "line 1"),
+            ("[flight]\nsafety_distance_m = nan\n", "flight.safety_distance_m"),
+            ("[flight]\nsafety_distance_m = 40.0\n", "field.shell_m"),
+            ("[[flight.no_fly]]\nname = 'pad'\noutline_m = [[0.0, 0.0]]\nfloor_m = 0.0\nceiling_m = 9.0\n", "pad"),
+        ] {
+            let error = Settings::parse(text).expect_err("the text is wrong").to_string();
+            assert!(error.contains(named), "{text:?} gave {error}");
+        }
+    }
+}

@@ -255,6 +255,9 @@ impl From<OverBudget> for Failure {
 
 impl From<PlanError> for Failure {
     fn from(error: PlanError) -> Self {
-        Failure::Refused(Refusal::new(RefusalCode::Plan, error.to_string()))
+        match error {
+            PlanError::Abandoned => Failure::Stopped,
+            other => Failure::Refused(Refusal::new(RefusalCode::Plan, other.to_string())),
+        }
     }
 }

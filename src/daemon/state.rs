@@ -198,7 +198,7 @@ impl Daemon {
         let Some(slot) = self.scenes.get_mut(scene) else { return };
         let mut tickets: Vec<Ticket> = slot.queued.take().map(|queued| queued.ticket).into_iter().collect();
         if let Some(work) = slot.work.take() {
-            work.assignment.stop.stop();
+            work.assignment.stop.abandon();
             self.owners.remove(&work.assignment.job);
             tickets.extend(match work.task {
                 Task::Load(load) => Some(load.ticket),

@@ -1,1 +1,34 @@
+//! Blocking client of the overfly daemon.
+//!
+//! ```no_run
+//! use std::time::Duration;
+//! use overfly_client::{Client, Domain, PlanOrder, SceneSource};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let client = Client::connect(&Domain::new("overfly")?, Duration::from_secs(2))?;
+//! let loaded = client.load(SceneSource::Path("town.geojson".into()), None, &mut |_| {})?;
+//! let order = PlanOrder { rig: "panoramic".into(), method: "paper".into(), seed: 1, iterations: None, start_m: None };
+//! let plan = client.plan(&loaded.scene, &order, &mut |note| println!("{:.1} %", note.coverage_percent))?;
+//! println!("{} waypoints", plan.table().waypoints.len());
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! A [`Client`] is for one thread at a time; connect once more for another. Fields are read where the daemon built them
+//! ([`FieldMap`]), plans are copied ([`PlanMessage`]).
 
+pub mod bench;
+mod client;
+mod error;
+mod field;
+mod link;
+mod plan;
+
+pub use client::{Client, Edited, SceneSource};
+pub use error::ClientError;
+pub use field::FieldMap;
+pub use overfly_wire::{
+    Domain, DomainError, EditOrder, Loaded, PlanOrder, PlanSummary, ProgressNote, RefusalCode, SceneState, SceneStatus, Stage,
+    Status, StructureInfo,
+};
+pub use plan::{PlanMessage, PlanWatch};

@@ -1,0 +1,85 @@
+//! Shared memory that is really there before anybody writes to it.
+
+use std::mem::MaybeUninit;
+
+use crate::header::WireBlock;
+
+/// Why memory could not be had.
+#[derive(Debug, thiserror::Error)]
+pub enum MemoryError {
+    #[error(
+        "shared memory is full: {bytes} bytes cannot be had ({cause}); free some of /dev/shm, enlarge it, or load fewer or smaller scenes"
+    )]
+    Full {
+        bytes: usize,
+        #[source]
+        cause: rustix::io::Errno,
+    },
+}
+
+/// Memory that must stay free for what iceoryx2 writes by itself, bytes.
+const MARGIN_BYTES: u64 = 1 << 20;
+
+/// Checks that /dev/shm has room for `bytes` and a little more. It may be gone a moment later; [`populate`] is what makes sure.
+pub fn check_room(bytes: usize) -> Result<(), MemoryError> {
+    let Ok(state) = rustix::fs::statvfs("/dev/shm") else { return Ok(()) };
+    let free = state.f_bavail.saturating_mul(state.f_frsize);
+    if free >= (bytes as u64).saturating_add(MARGIN_BYTES) {
+        return Ok(());
+    }
+    Err(MemoryError::Full { bytes, cause: rustix::io::Errno::NOSPC })
+}
+
+/// Makes the kernel provide every page under `blocks` now. A sparse shared-memory file gets its pages on the first write, and when
+/// /dev/shm is full that write kills the process; here the same fault is an error.
+pub fn populate(blocks: &mut [MaybeUninit<WireBlock>]) -> Result<(), MemoryError> {
+    let page = rustix::param::page_size();
+    let start = blocks.as_mut_ptr() as usize & !(page - 1);
+    let end = blocks.as_mut_ptr_range().end as usize;
+    if blocks.is_empty() {
+        return Ok(());
+    }
+    // SAFETY: the pages belong to a live writable mapping that holds `blocks`, and populating does not change their content.
+    let done = unsafe { rustix::mm::madvise(start as *mut _, end - start, rustix::mm::Advice::LinuxPopulateWrite) };
+    match done {
+        // Linux before 5.14 does not know the advice: then a full /dev/shm cannot be told beforehand.
+        Ok(()) | Err(rustix::io::Errno::INVAL) => Ok(()),
+        Err(cause) => Err(MemoryError::Full { bytes: std::mem::size_of_val(blocks), cause }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use overfly_table::Block;
+
+    use super::*;
+
+    #[test]
+    fn populated_memory_can_be_written_wherever_it_starts() {
+        let mut blocks = vec![MaybeUninit::<WireBlock>::uninit(); 1000];
+        populate(&mut blocks[3..]).unwrap();
+        populate(&mut blocks[..0]).unwrap();
+        for block in &mut blocks {
+            block.write(WireBlock(Block::ZERO));
+        }
+    }
+
+    #[test]
+    fn pages_that_cannot_be_had_are_an_error() {
+        // A file shorter than its mapping behaves as a full file system does: a write to the missing page would raise SIGBUS.
+        let fd = rustix::fs::memfd_create("short", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
+        let (page, length) = (rustix::param::page_size(), 4 * rustix::param::page_size());
+        rustix::fs::ftruncate(&fd, page as u64).unwrap();
+        // SAFETY: a fresh mapping of our own.
+        let memory = unsafe {
+            let flags = (rustix::mm::ProtFlags::READ | rustix::mm::ProtFlags::WRITE, rustix::mm::MapFlags::SHARED);
+            rustix::mm::mmap(std::ptr::null_mut(), length, flags.0, flags.1, &fd, 0).unwrap()
+        };
+        // SAFETY: uninitialised blocks inside of that mapping.
+        let blocks = unsafe { std::slice::from_raw_parts_mut(memory.cast::<MaybeUninit<WireBlock>>(), length / 64) };
+        let message = populate(blocks).unwrap_err().to_string();
+        assert!(message.contains("/dev/shm"), "{message}");
+        // SAFETY: the slice is not used any more.
+        unsafe { rustix::mm::munmap(memory, length).unwrap() };
+    }
+}

@@ -1,0 +1,263 @@
+//! Work that takes longer than the main loop may pause: reading scene files, building fields, searching. Every job has a thread
+//! of its own, computes in the daemon's pool, and posts what it found; it never touches the daemon's state.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use overfly_table::Block;
+use overfly_wire::{ProgressNote, Refusal, RefusalCode, Stage};
+use rayon::ThreadPool;
+
+use super::budget::{Budget, OverBudget};
+use super::field_channel::{FieldChannel, FieldChannelError, FilledField};
+use super::scene_file::{self, SceneFile};
+use super::wake::Mail;
+use crate::mission::plan_table;
+use crate::planner::{self, PlanError, PlanOptions, Progress, StopToken};
+use crate::scene::Scene;
+use crate::session::{FieldError, Session, Snapshot, Survey};
+use crate::settings::Settings;
+use crate::trajectory::plan::RunTimes;
+
+/// Shortest time between two progress notes.
+const NOTE_GAP: Duration = Duration::from_millis(25);
+
+/// Number of a job; each is used once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct JobId(pub u64);
+
+/// What a job tells the main loop.
+#[derive(Debug)]
+pub struct News {
+    pub job: JobId,
+    pub kind: NewsKind,
+}
+
+/// The last news of a job is everything but progress.
+#[derive(Debug)]
+pub enum NewsKind {
+    Progress(ProgressNote),
+    Read(Box<SceneFile>),
+    Built(Box<BuiltField>),
+    Planned(PlannedFlight),
+    Failed(Failure),
+}
+
+/// Why a job has no result.
+#[derive(Debug)]
+pub enum Failure {
+    /// It was asked to stop, and whoever asked knows why.
+    Stopped,
+    Refused(Refusal),
+}
+
+/// A field that is ready to be published, with everything that belongs to it.
+#[derive(Debug)]
+pub struct BuiltField {
+    pub session: Session,
+    pub survey: Survey,
+    pub filled: FilledField,
+    pub field_s: f64,
+}
+
+/// A plan as it will be published.
+#[derive(Debug)]
+pub struct PlannedFlight {
+    pub table: Vec<Block>,
+}
+
+/// What every job needs.
+#[derive(Clone, Debug)]
+pub struct Workshop {
+    pub pool: Arc<ThreadPool>,
+    pub budget: Arc<Budget>,
+    pub mail: Mail<News>,
+}
+
+/// A job's place: its number, its stop flag and when its request was taken up.
+#[derive(Clone, Debug)]
+pub struct Assignment {
+    pub job: JobId,
+    pub stop: StopToken,
+    pub taken_up: Instant,
+}
+
+/// Where a scene file comes from.
+#[derive(Debug)]
+pub enum FileSource {
+    Path(PathBuf),
+    Bytes { file_name: String, bytes: Vec<u8> },
+}
+
+/// What a field is built of.
+#[derive(Debug)]
+pub enum FieldSource {
+    /// A scene that was just read: its field settings are pinned now.
+    Scene(Box<Scene>, Arc<Settings>),
+    /// A session whose scene was edited.
+    Session(Box<Session>),
+}
+
+/// A search.
+pub struct Flight {
+    pub snapshot: Snapshot,
+    pub settings: Arc<Settings>,
+    pub options: PlanOptions,
+    /// Time that building the field took when that belongs to this request, s.
+    pub field_s: f64,
+}
+
+impl Workshop {
+    /// Reads a scene file.
+    pub fn read(&self, assignment: Assignment, source: FileSource, settings: Arc<Settings>) {
+        self.spawn(assignment, move |workshop, assignment| {
+            workshop.note(assignment, Stage::Read);
+            let max_bytes = settings.daemon.max_scene_mb.saturating_mul(1_000_000);
+            let read = workshop.pool.install(|| match source {
+                FileSource::Path(path) => scene_file::read_path(&path, max_bytes, &settings.proxy),
+                FileSource::Bytes { file_name, bytes } => scene_file::read_bytes(&file_name, &bytes, &settings.proxy),
+            });
+            Ok(NewsKind::Read(Box::new(read.map_err(Failure::Refused)?)))
+        });
+    }
+
+    /// Builds a field in the shared memory where it will be read.
+    pub fn build(&self, assignment: Assignment, source: FieldSource, channel: Arc<FieldChannel>) {
+        self.spawn(assignment, move |workshop, assignment| {
+            let built = workshop.pool.install(|| workshop.build_field(assignment, source, &channel))?;
+            Ok(NewsKind::Built(Box::new(built)))
+        });
+    }
+
+    /// Plans one flight.
+    pub fn plan(&self, assignment: Assignment, flight: Flight) {
+        self.spawn(assignment, move |workshop, assignment| {
+            workshop.pool.install(|| workshop.plan_flight(assignment, &flight)).map(NewsKind::Planned)
+        });
+    }
+
+    fn build_field(&self, assignment: &Assignment, source: FieldSource, channel: &FieldChannel) -> Result<BuiltField, Failure> {
+        let started = Instant::now();
+        let stop = &assignment.stop;
+        self.note(assignment, Stage::Survey);
+        let session = match source {
+            FieldSource::Scene(scene, settings) => Session::new(*scene, settings, stop)?,
+            FieldSource::Session(session) => *session,
+        };
+        let survey = session.survey(stop)?;
+        let count = survey.blocks();
+        let reservation = self.budget.reserve((count * Block::BYTES) as u64)?;
+        self.note(assignment, Stage::Field);
+        let filled = channel.fill(count, reservation, |blocks| survey.build(blocks, stop).map_err(Failure::from))?;
+        if stop.is_stopped() {
+            return Err(Failure::Stopped);
+        }
+        Ok(BuiltField { session, survey, filled, field_s: started.elapsed().as_secs_f64() })
+    }
+
+    fn plan_flight(&self, assignment: &Assignment, flight: &Flight) -> Result<PlannedFlight, Failure> {
+        let started = Instant::now();
+        let (mut noted, mut searched) = (None::<Instant>, started);
+        let mut on_progress = |progress: &Progress| {
+            searched = Instant::now();
+            let last = progress.iteration >= progress.iterations;
+            if last || noted.is_none_or(|time| searched - time >= NOTE_GAP) {
+                noted = Some(searched);
+                self.post(assignment, NewsKind::Progress(note(assignment, progress)));
+            }
+        };
+        let plan = planner::plan(&flight.snapshot, &flight.settings, &flight.options, &assignment.stop, &mut on_progress)?;
+        let times = RunTimes {
+            field_s: flight.field_s,
+            search_s: (searched - started).as_secs_f64(),
+            check_s: searched.elapsed().as_secs_f64(),
+            total_s: assignment.taken_up.elapsed().as_secs_f64(),
+            threads: u32::try_from(self.pool.current_num_threads()).unwrap_or(u32::MAX),
+        };
+        Ok(PlannedFlight { table: plan_table::to_blocks(&plan, &times) })
+    }
+
+    /// Runs `work` on a thread of its own. A panic in it is a defect that costs the request, not the daemon.
+    fn spawn<W>(&self, assignment: Assignment, work: W)
+    where
+        W: FnOnce(&Workshop, &Assignment) -> Result<NewsKind, Failure> + Send + 'static,
+    {
+        let workshop = self.clone();
+        let (job, mail) = (assignment.job, self.mail.clone());
+        let body = move || {
+            let done = catch_unwind(AssertUnwindSafe(|| work(&workshop, &assignment)));
+            let done = done.unwrap_or_else(|panic| Err(Failure::Refused(defect(&*panic))));
+            mail.post(News { job, kind: done.unwrap_or_else(NewsKind::Failed) });
+        };
+        let started = std::thread::Builder::new().name(format!("job-{}", job.0)).spawn(body);
+        if let Err(error) = started {
+            let refusal = Refusal::new(RefusalCode::Busy, format!("no thread can be started ({error}); try again later"));
+            self.mail.post(News { job, kind: NewsKind::Failed(Failure::Refused(refusal)) });
+        }
+    }
+
+    fn note(&self, assignment: &Assignment, stage: Stage) {
+        let elapsed_s = assignment.taken_up.elapsed().as_secs_f64();
+        let note =
+            ProgressNote { stage, iteration: 0, iterations: 0, coverage_percent: 0.0, length_m: 0.0, objective: 0.0, elapsed_s };
+        self.post(assignment, NewsKind::Progress(note));
+    }
+
+    fn post(&self, assignment: &Assignment, kind: NewsKind) {
+        self.mail.post(News { job: assignment.job, kind });
+    }
+}
+
+fn note(assignment: &Assignment, progress: &Progress) -> ProgressNote {
+    ProgressNote {
+        stage: Stage::Search,
+        iteration: progress.iteration,
+        iterations: progress.iterations,
+        coverage_percent: progress.coverage_percent,
+        length_m: progress.length_m,
+        objective: progress.objective,
+        elapsed_s: assignment.taken_up.elapsed().as_secs_f64(),
+    }
+}
+
+fn defect(panic: &(dyn std::any::Any + Send)) -> Refusal {
+    let text = panic.downcast_ref::<&str>().copied().or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+    let text = text.unwrap_or("no message");
+    tracing::error!(panic = text, "a worker panicked; this is a defect");
+    Refusal::new(
+        RefusalCode::Internal,
+        format!("the daemon met a defect of its own ({text}); please report it with the scene and the request"),
+    )
+}
+
+impl From<FieldError> for Failure {
+    fn from(error: FieldError) -> Self {
+        match error {
+            FieldError::Stopped => Failure::Stopped,
+            other => Failure::Refused(Refusal::new(RefusalCode::Field, other.to_string())),
+        }
+    }
+}
+
+impl From<FieldChannelError> for Failure {
+    fn from(error: FieldChannelError) -> Self {
+        Failure::Refused(Refusal::new(RefusalCode::Memory, error.to_string()))
+    }
+}
+
+impl From<OverBudget> for Failure {
+    fn from(error: OverBudget) -> Self {
+        Failure::Refused(Refusal::new(RefusalCode::Memory, error.to_string()))
+    }
+}
+
+impl From<PlanError> for Failure {
+    fn from(error: PlanError) -> Self {
+        match error {
+            PlanError::Abandoned => Failure::Stopped,
+            other => Failure::Refused(Refusal::new(RefusalCode::Plan, other.to_string())),
+        }
+    }
+}

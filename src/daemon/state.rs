@@ -1,0 +1,241 @@
+//! All that the daemon knows, and the reactions that are neither requests nor results.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use overfly_wire::{Domain, Refusal, RefusalCode, Reply};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::DaemonError;
+use super::budget::Budget;
+use super::configuration::{self, ConfigurationError};
+use super::jobs::{Assignment, FieldSource, Flight, JobId, News, Workshop};
+use super::ledger::{Ledger, Ticket};
+use super::ports::Ports;
+use super::scenes::{Queued, Search, Slot, Task, Work};
+use super::wake::Mail;
+use crate::daemon::convert;
+use crate::planner::StopToken;
+use crate::settings::Settings;
+
+/// How long running work may take to notice that the daemon ends.
+const LAST_WORDS: Duration = Duration::from_secs(2);
+
+/// The daemon's state; the main thread owns it alone.
+pub struct Daemon {
+    pub(super) domain: Domain,
+    pub(super) settings: Arc<Settings>,
+    pub(super) workshop: Workshop,
+    pub(super) ledger: Ledger,
+    pub(super) scenes: BTreeMap<String, Slot>,
+    /// Files that are being read; which scene they belong to is not known before.
+    pub(super) reading: HashMap<JobId, Reading>,
+    /// Which scene a running job works for.
+    pub(super) owners: HashMap<JobId, String>,
+    /// Jobs that have not posted their last news, also those whose result nobody wants any more.
+    pub(super) running: usize,
+    pub(super) instance: u64,
+    pub(super) started: Instant,
+    config_path: Option<PathBuf>,
+    epoch: u64,
+    next_job: u64,
+    ending: Option<Instant>,
+}
+
+/// A scene file on its way.
+pub struct Reading {
+    pub ticket: Ticket,
+    pub name: Option<String>,
+    pub settings: Arc<Settings>,
+    pub assignment: Assignment,
+}
+
+impl Daemon {
+    pub fn new(
+        settings: Settings,
+        config_path: Option<PathBuf>,
+        domain: &Domain,
+        mail: Mail<News>,
+        instance: u64,
+    ) -> Result<Self, DaemonError> {
+        let pool = pool(settings.daemon.threads)?;
+        let budget = Budget::new(settings.daemon.memory_budget_mb);
+        Ok(Self {
+            domain: domain.clone(),
+            settings: Arc::new(settings),
+            workshop: Workshop { pool, budget, mail },
+            ledger: Ledger::default(),
+            scenes: BTreeMap::new(),
+            reading: HashMap::new(),
+            owners: HashMap::new(),
+            running: 0,
+            instance,
+            started: Instant::now(),
+            config_path,
+            epoch: 0,
+            next_job: 0,
+            ending: None,
+        })
+    }
+
+    /// The daemon was asked to end, and nobody is working any more or has taken too long.
+    pub fn has_ended(&self) -> bool {
+        self.ending.is_some_and(|since| self.running == 0 || since.elapsed() > LAST_WORDS)
+    }
+
+    pub fn is_ending(&self) -> bool {
+        self.ending.is_some()
+    }
+
+    /// How long the loop may wait for the next event.
+    pub fn patience(&self) -> Duration {
+        if self.is_ending() { Duration::from_millis(50) } else { Duration::from_secs(3600) }
+    }
+
+    /// Connects clients that have come since to everything that was published.
+    pub fn on_attach(&self, ports: &Ports) {
+        ports.update();
+        self.scenes.values().for_each(|slot| slot.channel.update());
+        ports.ring();
+    }
+
+    /// Cleans up after clients that were killed: samples they held would be lost for ever.
+    pub fn on_tick(&self, ports: &Ports) {
+        let cleaned = ports.node.try_cleanup_dead_nodes();
+        if cleaned.cleanups > 0 {
+            tracing::info!(clients = cleaned.cleanups, "cleaned up after clients that died");
+        }
+        ports.update();
+        self.scenes.values().for_each(|slot| slot.channel.update());
+    }
+
+    /// Begins to end: no new work, and what runs is stopped. A stopped search still gives its best plan so far.
+    pub fn on_end(&mut self, ports: &Ports) {
+        if self.ending.is_some() {
+            return;
+        }
+        tracing::info!(running = self.running, "ending");
+        self.ending = Some(Instant::now());
+        let queued: Vec<Ticket> =
+            self.scenes.values_mut().filter_map(|slot| slot.queued.take()).map(|queued| queued.ticket).collect();
+        for ticket in queued {
+            self.refuse(ports, ticket, stopping());
+        }
+        self.scenes.values().filter_map(|slot| slot.work.as_ref()).for_each(|work| work.assignment.stop.stop());
+        self.reading.values().for_each(|reading| reading.assignment.stop.stop());
+    }
+
+    pub fn on_reload_signal(&mut self) {
+        // Nobody waits for an answer: the log is the place to tell.
+        if let Err(refusal) = self.reload() {
+            tracing::error!(%refusal, "the configuration was not reloaded; the old one stays");
+        }
+    }
+
+    /// Reads the configuration again. Scenes keep the settings that they were loaded with.
+    pub fn reload(&mut self) -> Result<(), Refusal> {
+        let refused = |cause: String| Refusal::new(RefusalCode::Configuration, format!("{cause}; the old configuration stays"));
+        let Some(path) = &self.config_path else {
+            return Err(refused("the daemon was started without a configuration file; start it with `--config FILE`".into()));
+        };
+        let settings = configuration::read(path).map_err(|error: ConfigurationError| refused(error.to_string()))?;
+        if settings.daemon.threads != self.settings.daemon.threads {
+            self.workshop.pool = pool(settings.daemon.threads).map_err(|error| refused(error.to_string()))?;
+        }
+        if settings.daemon.domain != self.settings.daemon.domain {
+            tracing::warn!(
+                domain = settings.daemon.domain,
+                "the domain cannot change while the daemon runs: restart it for that"
+            );
+        }
+        self.workshop.budget.set_limit_mb(settings.daemon.memory_budget_mb);
+        self.settings = Arc::new(settings);
+        tracing::info!(path = %path.display(), "configuration reloaded; scenes that are loaded keep theirs");
+        Ok(())
+    }
+
+    /// Number for the next table.
+    pub(super) fn next_epoch(&mut self) -> u64 {
+        self.epoch += 1;
+        self.epoch
+    }
+
+    pub(super) fn assign(&mut self, taken_up: Instant) -> Assignment {
+        self.next_job += 1;
+        self.running += 1;
+        Assignment { job: JobId(self.next_job), stop: StopToken::default(), taken_up }
+    }
+
+    /// Starts to build the field of `scene`, whose slot must have no work.
+    pub(super) fn start_build(&mut self, scene: &str, source: FieldSource, task: Task, taken_up: Instant) {
+        let assignment = self.assign(taken_up);
+        let Some(slot) = self.scenes.get_mut(scene) else { return };
+        self.owners.insert(assignment.job, scene.into());
+        self.workshop.build(assignment.clone(), source, slot.channel.clone());
+        slot.work = Some(Work { assignment, task });
+    }
+
+    /// Starts a search on the current field of `scene`, whose slot must have no work.
+    pub(super) fn start_search(&mut self, scene: &str, queued: Queued, field_s: f64) {
+        let assignment = self.assign(queued.taken_up);
+        let Some(slot) = self.scenes.get_mut(scene) else { return };
+        let Some(current) = &slot.current else { return };
+        let flight = Flight {
+            snapshot: current.snapshot.clone(),
+            settings: current.session.settings().clone(),
+            options: convert::plan_options(&queued.order),
+            field_s,
+        };
+        self.owners.insert(assignment.job, scene.into());
+        self.workshop.plan(assignment.clone(), flight);
+        slot.work = Some(Work { assignment, task: Task::Search(Search { ticket: queued.ticket, order: queued.order }) });
+    }
+
+    /// Stops what runs and waits on `scene`, and tells whoever waits for it that `by` took its place.
+    pub(super) fn supersede(&mut self, ports: &Ports, scene: &str, by: &str) {
+        let Some(slot) = self.scenes.get_mut(scene) else { return };
+        let mut tickets: Vec<Ticket> = slot.queued.take().map(|queued| queued.ticket).into_iter().collect();
+        if let Some(work) = slot.work.take() {
+            work.assignment.stop.abandon();
+            self.owners.remove(&work.assignment.job);
+            tickets.extend(match work.task {
+                Task::Load(load) => Some(load.ticket),
+                Task::Search(search) => Some(search.ticket),
+                Task::Rebuild => None,
+            });
+        }
+        for ticket in tickets {
+            let message = format!("{by} on the scene {scene:?} took the place of this request; ask again if it is still wanted");
+            self.refuse(ports, ticket, Refusal::new(RefusalCode::Superseded, message));
+        }
+    }
+
+    /// Answers a request; with `follows` another result comes later under the same ticket.
+    pub(super) fn answer(&mut self, ports: &Ports, ticket: Ticket, reply: &Reply, follows: bool) {
+        self.ledger.answer(ticket, reply, follows);
+        tell(ports, ticket, reply);
+    }
+
+    pub(super) fn refuse(&mut self, ports: &Ports, ticket: Ticket, refusal: Refusal) {
+        tracing::info!(client = ticket.client, correlation = ticket.correlation, code = ?refusal.code, %refusal, "refused");
+        self.answer(ports, ticket, &Reply::Refused(refusal), false);
+    }
+}
+
+/// Sends a reply that need not be remembered. A reply that is lost is asked for again.
+pub(super) fn tell(ports: &Ports, ticket: Ticket, reply: &Reply) {
+    if let Err(error) = ports.reply(ticket, reply) {
+        tracing::warn!(%error, client = ticket.client, "a client did not get its reply");
+    }
+}
+
+pub(super) fn stopping() -> Refusal {
+    Refusal::new(RefusalCode::Stopping, "the daemon is ending; start it again with `overfly serve`")
+}
+
+fn pool(threads: u32) -> Result<Arc<ThreadPool>, DaemonError> {
+    let built = ThreadPoolBuilder::new().num_threads(threads as usize).thread_name(|index| format!("core-{index}")).build();
+    built.map(Arc::new).map_err(|error| DaemonError::System { what: "the worker threads", cause: error.to_string() })
+}

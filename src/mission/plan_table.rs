@@ -1,0 +1,351 @@
+//! Plans as tables: what the daemon publishes, and the way back.
+
+use nalgebra::{Point3, Unit, Vector3};
+use overfly_table::plan::{ImageRow, IterationRow, MetricsRow, PlanCounts, PlanFacts, WaypointRow};
+use overfly_table::{Block, PlanTable};
+
+use crate::frame::Geodetic;
+use crate::trajectory::plan::{Image, Iteration, Metrics, Plan, RunTimes, SceneStamp, StopReason, Waypoint};
+
+/// Why a table is not a plan.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PlanTableError {
+    #[error("the plan's {what} holds a value that is not finite")]
+    NotFinite { what: &'static str },
+    #[error("the plan's {what} holds the code {code}, which this release does not know: use client and daemon of one release")]
+    Code { what: &'static str, code: u64 },
+    #[error("the plan's {what} is not a unit vector")]
+    Direction { what: &'static str },
+    #[error("the plan's text is not UTF-8 or lacks the line of its {missing}")]
+    Text { missing: &'static str },
+    #[error("an image names camera {camera}, but the rig has {cameras}")]
+    Camera { camera: u32, cameras: usize },
+    #[error("the plan counts {counted} waypoints but holds {held}")]
+    Count { counted: u64, held: usize },
+}
+
+/// The plan as a table.
+pub fn to_blocks(plan: &Plan, times: &RunTimes) -> Vec<Block> {
+    let facts = facts(plan, times);
+    let waypoints: Vec<WaypointRow> = plan.waypoints.iter().map(waypoint_row).collect();
+    let images: Vec<ImageRow> = plan.images.iter().map(image_row).collect();
+    let iterations: Vec<IterationRow> = plan.convergence.iter().map(iteration_row).collect();
+    let text = text(plan);
+    let table = PlanTable {
+        facts: &facts,
+        waypoints: &waypoints,
+        images: &images,
+        cells: &plan.cells,
+        iterations: &iterations,
+        text: text.as_bytes(),
+    };
+    let counts: PlanCounts = table.counts();
+    let mut blocks = vec![Block::ZERO; counts.blocks()];
+    table.write(&mut blocks);
+    blocks
+}
+
+/// The plan in a table that somebody else may have written.
+pub fn from_table(table: &PlanTable<'_>) -> Result<(Plan, RunTimes), PlanTableError> {
+    let facts = table.facts;
+    if facts.metrics.waypoints != table.waypoints.len() as u64 {
+        return Err(PlanTableError::Count { counted: facts.metrics.waypoints, held: table.waypoints.len() });
+    }
+    let mut lines =
+        std::str::from_utf8(table.text).map_err(|_| PlanTableError::Text { missing: "scene" })?.split_terminator('\n');
+    let mut line = |missing| lines.next().map(unescape).ok_or(PlanTableError::Text { missing });
+    let (name, rig, method) = (line("scene")?, line("rig")?, line("method")?);
+    let cameras: Vec<String> = lines.map(unescape).collect();
+    let plan = Plan {
+        scene: SceneStamp { name, origin: origin(facts)?, revision: facts.revision },
+        seed: facts.seed,
+        rig,
+        method,
+        waypoints: table.waypoints.iter().map(waypoint).collect::<Result<_, _>>()?,
+        images: table.images.iter().map(|row| image(row, cameras.len())).collect::<Result<_, _>>()?,
+        cameras,
+        metrics: metrics(&facts.metrics)?,
+        cells: table.cells.to_vec(),
+        goal_percent: finite("goal", facts.goal_percent)?,
+        clearance_m: finite("clearance", facts.clearance_m)?,
+        convergence: table.iterations.iter().map(iteration).collect::<Result<_, _>>()?,
+        stop: stop_reason(facts.stop)?,
+    };
+    Ok((plan, run_times(facts)?))
+}
+
+fn facts(plan: &Plan, times: &RunTimes) -> PlanFacts {
+    let origin = plan.scene.origin;
+    let of_origin = |value: fn(&Geodetic) -> f64| origin.as_ref().map_or(0.0, value);
+    PlanFacts {
+        metrics: metrics_row(&plan.metrics, plan.waypoints.len()),
+        revision: plan.scene.revision,
+        seed: plan.seed,
+        iterations: plan.convergence.len() as u64,
+        stop: stop_code(plan.stop),
+        origin_lat_deg: of_origin(|origin| origin.lat_deg),
+        origin_lon_deg: of_origin(|origin| origin.lon_deg),
+        origin_alt_m: of_origin(|origin| origin.alt_m),
+        georeferenced: origin.is_some().into(),
+        goal_percent: plan.goal_percent,
+        field_s: times.field_s,
+        search_s: times.search_s,
+        check_s: times.check_s,
+        total_s: times.total_s,
+        clearance_m: plan.clearance_m,
+        threads: times.threads.into(),
+    }
+}
+
+fn metrics_row(metrics: &Metrics, waypoints: usize) -> MetricsRow {
+    MetricsRow {
+        length_m: metrics.length_m,
+        waypoints: waypoints as u64,
+        movement_s: metrics.movement_s,
+        turning_s: metrics.turning_s,
+        flight_s: metrics.flight_s,
+        coverage_percent: metrics.coverage_percent,
+        coverage_exposed_percent: metrics.coverage_exposed_percent,
+        capturable_percent: metrics.capturable_percent,
+        information: metrics.information,
+        objective: metrics.objective,
+    }
+}
+
+fn metrics(row: &MetricsRow) -> Result<Metrics, PlanTableError> {
+    let figure = |value| finite("metrics", value);
+    Ok(Metrics {
+        length_m: figure(row.length_m)?,
+        movement_s: figure(row.movement_s)?,
+        turning_s: figure(row.turning_s)?,
+        flight_s: figure(row.flight_s)?,
+        coverage_percent: figure(row.coverage_percent)?,
+        coverage_exposed_percent: figure(row.coverage_exposed_percent)?,
+        capturable_percent: figure(row.capturable_percent)?,
+        information: figure(row.information)?,
+        objective: figure(row.objective)?,
+    })
+}
+
+fn run_times(facts: &PlanFacts) -> Result<RunTimes, PlanTableError> {
+    Ok(RunTimes {
+        field_s: finite("times", facts.field_s)?,
+        search_s: finite("times", facts.search_s)?,
+        check_s: finite("times", facts.check_s)?,
+        total_s: finite("times", facts.total_s)?,
+        threads: u32::try_from(facts.threads).map_err(|_| PlanTableError::Code { what: "threads", code: facts.threads })?,
+    })
+}
+
+fn origin(facts: &PlanFacts) -> Result<Option<Geodetic>, PlanTableError> {
+    let (lat, lon, alt) = (facts.origin_lat_deg, facts.origin_lon_deg, facts.origin_alt_m);
+    Ok(flag("origin", facts.georeferenced)?.then_some(Geodetic {
+        lat_deg: finite("origin", lat)?,
+        lon_deg: finite("origin", lon)?,
+        alt_m: finite("origin", alt)?,
+    }))
+}
+
+fn waypoint_row(waypoint: &Waypoint) -> WaypointRow {
+    WaypointRow {
+        position_m: waypoint.position_m.into(),
+        direction: waypoint.direction.map_or([0.0; 3], |direction| direction.into_inner().into()),
+        has_direction: waypoint.direction.is_some().into(),
+    }
+}
+
+fn waypoint(row: &WaypointRow) -> Result<Waypoint, PlanTableError> {
+    Ok(Waypoint {
+        position_m: Point3::from(finite3("waypoints", row.position_m)?),
+        direction: direction("waypoints", row.has_direction, row.direction)?,
+    })
+}
+
+fn image_row(image: &Image) -> ImageRow {
+    ImageRow {
+        position_m: image.position_m.into(),
+        direction: image.direction.map_or([0.0; 3], |direction| direction.into_inner().into()),
+        up: image.up.into(),
+        fov_deg: image.fov_deg.unwrap_or([0.0; 2]),
+        time_s: image.time_s,
+        camera: image.camera,
+        has_direction: image.direction.is_some().into(),
+        selected: image.selected.into(),
+    }
+}
+
+fn image(row: &ImageRow, cameras: usize) -> Result<Image, PlanTableError> {
+    if row.camera as usize >= cameras {
+        return Err(PlanTableError::Camera { camera: row.camera, cameras });
+    }
+    let [width, height] = [finite("images", row.fov_deg[0])?, finite("images", row.fov_deg[1])?];
+    Ok(Image {
+        position_m: Point3::from(finite3("images", row.position_m)?),
+        direction: direction("images", row.has_direction.into(), row.direction)?,
+        up: Vector3::from(finite3("images", row.up)?),
+        fov_deg: (width != 0.0 || height != 0.0).then_some([width, height]),
+        camera: row.camera,
+        time_s: finite("images", row.time_s)?,
+        selected: flag("images", row.selected.into())?,
+    })
+}
+
+fn iteration_row(iteration: &Iteration) -> IterationRow {
+    IterationRow {
+        objective: iteration.objective,
+        coverage_percent: iteration.coverage_percent,
+        length_m: iteration.length_m,
+        turning_s: iteration.turning_s,
+    }
+}
+
+fn iteration(row: &IterationRow) -> Result<Iteration, PlanTableError> {
+    let figure = |value| finite("iterations", value);
+    Ok(Iteration {
+        objective: figure(row.objective)?,
+        coverage_percent: figure(row.coverage_percent)?,
+        length_m: figure(row.length_m)?,
+        turning_s: figure(row.turning_s)?,
+    })
+}
+
+fn stop_code(stop: StopReason) -> u64 {
+    match stop {
+        StopReason::GoalReached => 0,
+        StopReason::IterationsUsed => 1,
+        StopReason::Cancelled => 2,
+    }
+}
+
+fn stop_reason(code: u64) -> Result<StopReason, PlanTableError> {
+    match code {
+        0 => Ok(StopReason::GoalReached),
+        1 => Ok(StopReason::IterationsUsed),
+        2 => Ok(StopReason::Cancelled),
+        code => Err(PlanTableError::Code { what: "stop reason", code }),
+    }
+}
+
+/// Scene, rig, method and cameras, one line each; a line break in a name is written as `\n`.
+fn text(plan: &Plan) -> String {
+    let names = [&plan.scene.name, &plan.rig, &plan.method].into_iter().chain(&plan.cameras);
+    names.map(|name| name.replace('\\', "\\\\").replace('\n', "\\n") + "\n").collect()
+}
+
+fn unescape(line: &str) -> String {
+    let mut name = String::with_capacity(line.len());
+    let mut letters = line.chars();
+    while let Some(letter) = letters.next() {
+        match (letter, letter == '\\') {
+            (_, true) => name.push(if letters.next() == Some('n') { '\n' } else { '\\' }),
+            (plain, false) => name.push(plain),
+        }
+    }
+    name
+}
+
+fn direction(what: &'static str, has: u64, vector: [f64; 3]) -> Result<Option<Unit<Vector3<f64>>>, PlanTableError> {
+    if !flag(what, has)? {
+        return Ok(None);
+    }
+    let vector = Vector3::from(finite3(what, vector)?);
+    // Taken as it is, so that the way there and back changes no bit.
+    if (vector.norm() - 1.0).abs() > 1e-9 {
+        return Err(PlanTableError::Direction { what });
+    }
+    Ok(Some(Unit::new_unchecked(vector)))
+}
+
+fn flag(what: &'static str, code: u64) -> Result<bool, PlanTableError> {
+    match code {
+        0 => Ok(false),
+        1 => Ok(true),
+        code => Err(PlanTableError::Code { what, code }),
+    }
+}
+
+fn finite3(what: &'static str, values: [f64; 3]) -> Result<[f64; 3], PlanTableError> {
+    if values.iter().all(|value| value.is_finite()) { Ok(values) } else { Err(PlanTableError::NotFinite { what }) }
+}
+
+fn finite(what: &'static str, value: f64) -> Result<f64, PlanTableError> {
+    if value.is_finite() { Ok(value) } else { Err(PlanTableError::NotFinite { what }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn number() -> impl Strategy<Value = f64> {
+        -1e6..1e6f64
+    }
+
+    fn unit() -> impl Strategy<Value = Option<Unit<Vector3<f64>>>> {
+        let vector = prop::array::uniform3(-1.0..1.0f64).prop_filter("not zero", |v| v.iter().any(|x| x.abs() > 1e-3));
+        prop::option::of(vector.prop_map(|v| Unit::new_normalize(Vector3::from(v))))
+    }
+
+    fn point() -> impl Strategy<Value = Point3<f64>> {
+        prop::array::uniform3(number()).prop_map(Point3::from)
+    }
+
+    prop_compose! {
+        fn an_image()(position_m in point(), direction in unit(), up in prop::array::uniform3(number()), selected: bool,
+            fov_deg in prop::option::of(prop::array::uniform2(1.0..170.0f64)), camera in 0u32..2, time_s in number(),
+        ) -> Image {
+            Image { position_m, direction, up: Vector3::from(up), fov_deg, camera, time_s, selected }
+        }
+    }
+
+    prop_compose! {
+        fn a_plan()(
+            names in prop::array::uniform5(any::<String>()), seed: u64, revision: u64,
+            origin in prop::option::of(prop::array::uniform3(number())),
+            waypoints in prop::collection::vec((point(), unit()), 0..20),
+            images in prop::collection::vec(an_image(), 0..20),
+            figures in prop::array::uniform9(number()), goal_percent in number(), clearance_m in number(),
+            cells in prop::collection::vec(any::<u16>(), 0..50),
+            convergence in prop::collection::vec(prop::array::uniform4(number()), 0..20),
+            stop in prop::sample::select(vec![StopReason::GoalReached, StopReason::IterationsUsed, StopReason::Cancelled]),
+        ) -> Plan {
+            let [scene, rig, method, one, two] = names;
+            let [length_m, movement_s, turning_s, flight_s, coverage_percent, coverage_exposed_percent, capturable_percent,
+                information, objective] = figures;
+            Plan {
+                scene: SceneStamp {
+                    name: scene, origin: origin.map(|[lat_deg, lon_deg, alt_m]| Geodetic { lat_deg, lon_deg, alt_m }), revision },
+                seed, rig, method, cameras: vec![one, two],
+                waypoints: waypoints.into_iter().map(|(position_m, direction)| Waypoint { position_m, direction }).collect(),
+                images, cells, goal_percent, clearance_m, stop,
+                metrics: Metrics { length_m, movement_s, turning_s, flight_s, coverage_percent, coverage_exposed_percent,
+                    capturable_percent, information, objective },
+                convergence: convergence.into_iter().map(|[objective, coverage_percent, length_m, turning_s]|
+                    Iteration { objective, coverage_percent, length_m, turning_s }).collect(),
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_plan_comes_back_from_its_table_bit_for_bit(plan in a_plan(), seconds in prop::array::uniform4(number()), threads: u32) {
+            let [field_s, search_s, check_s, total_s] = seconds;
+            let times = RunTimes { field_s, search_s, check_s, total_s, threads };
+            let blocks = to_blocks(&plan, &times);
+            let back = from_table(&PlanTable::open(&blocks).unwrap()).unwrap();
+            prop_assert_eq!(back, (plan, times));
+        }
+
+        #[test]
+        fn a_damaged_table_is_an_error_or_another_plan(plan in a_plan(), place: prop::sample::Index, word: u64) {
+            let mut blocks = to_blocks(&plan, &RunTimes::default());
+            let words: &mut [u64] = bytemuck::cast_slice_mut(&mut blocks);
+            let place = place.index(words.len());
+            words[place] = word;
+            if let Ok(table) = PlanTable::open(&blocks) && let Ok((plan, _)) = from_table(&table) {
+                prop_assert!(plan.waypoints.iter().all(|waypoint| waypoint.position_m.iter().all(|value| value.is_finite())));
+            }
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! Whatever a program writes into the request service, the daemon lives, says what is wrong, and has changed nothing.
+
+mod served;
+
+use std::mem::MaybeUninit;
+use std::time::Duration;
+
+use iceoryx2::prelude::EventId;
+use overfly_client::{EditOrder, RefusalCode};
+use overfly_table::Block;
+use overfly_wire::codec;
+use overfly_wire::frame::{self, Limits};
+use overfly_wire::service::{self, Bell, BlockPublisher, BlockSubscriber, Channel, EVENT_REQUEST, EventNotifier, IpcNode};
+use overfly_wire::{Domain, Header, Kind, Reply, Request, SCHEMA, WireBlock};
+use proptest::prelude::*;
+use proptest::test_runner::{Config, TestRunner};
+use served::{Served, load, quick, refusal, wait_for};
+
+/// A client that keeps to no rule.
+struct Vandal {
+    requests: BlockPublisher,
+    replies: BlockSubscriber,
+    ring: EventNotifier,
+    _node: IpcNode,
+}
+
+impl Vandal {
+    fn enter(domain: &Domain) -> Self {
+        let node = service::node(domain, "vandal").unwrap();
+        let requests = service::publisher(&service::open(&node, Channel::Requests).unwrap(), None).unwrap();
+        let replies = service::subscriber(&service::open(&node, Channel::Replies).unwrap()).unwrap();
+        let ring = service::notifier(&service::open_bell(&node, Bell::Daemon).unwrap()).unwrap();
+        Self { requests, replies, ring, _node: node }
+    }
+
+    fn send(&self, header: Header, payload: &[Block]) {
+        let mut sample = wait_for("a place for the message", || self.requests.loan_slice_uninit(payload.len()).ok());
+        *sample.user_header_mut() = header;
+        for (place, block) in sample.payload_mut().iter_mut().zip(payload) {
+            *place = MaybeUninit::new(WireBlock(*block));
+        }
+        // SAFETY: every block was written just now.
+        unsafe { sample.assume_init() }.send().unwrap();
+        self.ring.notify_with_custom_event_id(EventId::new(EVENT_REQUEST)).unwrap();
+    }
+
+    fn answer(&self, correlation: u64) -> Reply {
+        wait_for("an answer", || {
+            let sample = self.replies.receive().unwrap()?;
+            let header = *sample.user_header();
+            let limits = Limits { body_bytes: codec::MAX_REPLY_BYTES, bulk_bytes: 0 };
+            let frame = frame::copy(&header, WireBlock::blocks(sample.payload()), Kind::Reply, limits).unwrap();
+            (header.correlation == correlation).then(|| codec::decode_reply(&frame.body).unwrap())
+        })
+    }
+
+    fn refusal(&self, correlation: u64) -> (RefusalCode, String) {
+        match self.answer(correlation) {
+            Reply::Refused(refusal) => (refusal.code, refusal.message),
+            other => panic!("expected a refusal, got {other:?}"),
+        }
+    }
+}
+
+fn honest(request: &Request, correlation: u64) -> (Header, Vec<Block>) {
+    let body = codec::encode(request, codec::MAX_REQUEST_BYTES).unwrap();
+    let mut payload = vec![Block::ZERO; frame::blocks(body.len(), 0)];
+    frame::fill(&mut payload, &body, &[]);
+    (Header { client: 7, correlation, body_bytes: body.len() as u64, ..Header::new(Kind::Request) }, payload)
+}
+
+#[test]
+fn every_malformed_message_is_refused_with_its_reason() {
+    let served = Served::with_settings("max_scene_mb = 1");
+    let client = served.client();
+    let vandal = Vandal::enter(&served.domain);
+    let (header, payload) = honest(&Request::Status, 0);
+    let nan = EditOrder::Raise { structure: "a".into(), by_m: f64::NAN };
+    let (not_finite, edit) = honest(&Request::Edit { scene: "block".into(), edit: nan }, 0);
+    let cases = [
+        (Header { schema: SCHEMA + 9, ..header }, &payload, RefusalCode::Malformed, "one release"),
+        (Header { magic: 3, ..header }, &payload, RefusalCode::Malformed, "not written by overfly"),
+        (Header { kind: 3, ..header }, &payload, RefusalCode::Malformed, "kind"),
+        (Header { body_bytes: 10_000, ..header }, &payload, RefusalCode::Malformed, "truncated"),
+        (Header { body_bytes: u64::MAX, ..header }, &payload, RefusalCode::Malformed, "split the request"),
+        (Header { bulk_bytes: 1_000_001, ..header }, &payload, RefusalCode::Malformed, "max_scene_mb"),
+        (Header { bulk_bytes: 64, ..header }, &payload, RefusalCode::Malformed, "truncated"),
+        (Header { body_bytes: 0, ..header }, &payload, RefusalCode::Malformed, "decoded"),
+        (Header { body_bytes: 60, ..header }, &payload, RefusalCode::Malformed, "follow the end"),
+        (Header { instance: 1, ..header }, &payload, RefusalCode::Restarted, "load them again"),
+        (not_finite, &edit, RefusalCode::Invalid, "finite"),
+    ];
+    for (index, (header, payload, code, text)) in cases.into_iter().enumerate() {
+        let correlation = index as u64 + 1;
+        vandal.send(Header { correlation, ..header }, payload);
+        let (found, message) = vandal.refusal(correlation);
+        assert_eq!(found, code, "{message}");
+        assert!(message.contains(text), "{message:?} should contain {text:?}");
+    }
+    client.ping().unwrap();
+}
+
+#[test]
+fn random_messages_neither_stop_the_daemon_nor_change_a_plan() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let before = client.plan("block", &quick(), &mut |_| {}).unwrap();
+    let vandal = Vandal::enter(&served.domain);
+    let words = prop::collection::vec(any::<[u64; 8]>(), 1..6);
+    let header = (any::<[u64; 7]>(), any::<bool>());
+    let mut runner = TestRunner::new(Config { cases: 300, failure_persistence: None, ..Config::default() });
+    runner
+        .run(&(words, header), |(words, ([magic, codes, instance, epoch, correlation, body_bytes, bulk_bytes], honest))| {
+            let random = Header {
+                magic,
+                schema: codes as u32,
+                kind: (codes >> 32) as u32,
+                instance,
+                epoch,
+                client: 7,
+                correlation,
+                body_bytes,
+                bulk_bytes,
+            };
+            let room = words.len() as u64 * 64;
+            let plausible = Header { client: 7, correlation, body_bytes: body_bytes % (room + 1), ..Header::new(Kind::Request) };
+            let payload: Vec<Block> = words.into_iter().map(Block).collect();
+            vandal.send(if honest { plausible } else { random }, &payload);
+            Ok(())
+        })
+        .unwrap();
+    client.ping().unwrap();
+    let scenes = client.status().unwrap().scenes;
+    assert_eq!(scenes.len(), 1);
+    assert_eq!(scenes[0].plan.map(|plan| plan.revision), Some(before.table().facts.revision));
+}
+
+#[test]
+fn a_request_that_is_sent_twice_runs_once() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let structure = client.structures("block").unwrap()[0].name.clone();
+    let raise = EditOrder::Raise { structure, by_m: 1.0 };
+    let (header, payload) = honest(&Request::Edit { scene: "block".into(), edit: raise }, 1);
+    let vandal = Vandal::enter(&served.domain);
+    for _ in 0..4 {
+        vandal.send(header, &payload);
+    }
+    let edited = wait_for("the edit's answer", || match vandal.answer(1) {
+        Reply::Acknowledged | Reply::Progress(_) => None,
+        other => Some(other),
+    });
+    assert_eq!(edited, Reply::Edited { revision: 2, replan_follows: false });
+    client.ping().unwrap();
+    assert_eq!(client.status().unwrap().scenes[0].revision, 2);
+}
+
+#[test]
+fn files_that_are_no_scenes_are_refused() {
+    let served = Served::with_settings("max_scene_mb = 1");
+    let client = served.client();
+    let load = |file_name: &str, bytes: Vec<u8>| {
+        let source = overfly_client::SceneSource::Bytes { file_name: file_name.into(), bytes };
+        refusal(client.load(source, None, &mut |_| {}))
+    };
+    for bytes in [Vec::new(), b"{".to_vec(), b"\xff\xfe\x00".to_vec(), b"[1,2,3]".to_vec()] {
+        assert_eq!(load("broken.geojson", bytes).0, RefusalCode::Import);
+    }
+    assert_eq!(load("large.geojson", vec![b' '; 1_500_000]).0, RefusalCode::Malformed);
+    let missing = overfly_client::SceneSource::Path("no/such/file.geojson".into());
+    let (code, message) = refusal(client.load(missing, None, &mut |_| {}));
+    assert_eq!(code, RefusalCode::Import);
+    assert!(message.contains("no/such/file.geojson"), "{message}");
+    let directory = overfly_client::SceneSource::Path("/".into());
+    assert_eq!(refusal(client.load(directory, None, &mut |_| {})).0, RefusalCode::Import);
+    assert!(client.status().unwrap().scenes.is_empty());
+    assert!(client.ping().unwrap() > Duration::ZERO);
+}

@@ -1,0 +1,185 @@
+//! A daemon process serves two clients: load, plan, edit, replan, watch, and the field without a copy.
+
+mod served;
+
+use std::time::Duration;
+
+use overfly::mission::plan_table;
+use overfly_client::{EditOrder, RefusalCode, SceneState, Stage};
+use served::{PATIENCE, Served, block, endless, load, quick, refusal, wait_for};
+
+#[test]
+fn one_client_plans_and_edits_while_another_watches() {
+    let served = Served::start();
+    let (pilot, observer) = (served.client(), served.client());
+    let mut stages = Vec::new();
+    let loaded = pilot.load(block(1, 9), Some("block"), &mut |note| stages.push(note.stage)).unwrap();
+    assert_eq!((loaded.scene.as_str(), loaded.revision), ("block", 1));
+    assert!(loaded.viewpoints > 50 && loaded.exposed > 50 && loaded.capturable_percent > 10.0, "{loaded:?}");
+    assert!(stages.contains(&Stage::Field), "{stages:?}");
+
+    let watch = observer.watch("block").unwrap();
+    let mut iterations = Vec::new();
+    let plan = pilot.plan("block", &quick(), &mut |note| iterations.push(note.iteration)).unwrap();
+    assert!(iterations.is_sorted() && !iterations.is_empty(), "{iterations:?}");
+    assert_eq!(plan.asked_by().0, pilot.id());
+    let seen = watch.next(PATIENCE).unwrap().expect("the plan is published to everybody");
+    assert_eq!((seen.epoch(), seen.asked_by()), (plan.epoch(), plan.asked_by()));
+
+    let tallest = observer.structures("block").unwrap().into_iter().max_by(|a, b| a.top_m.total_cmp(&b.top_m)).unwrap();
+    let raise = EditOrder::Raise { structure: tallest.name.clone(), by_m: 15.0 };
+    let edited = observer.edit("block", &raise).unwrap();
+    assert_eq!((edited.revision, edited.replan_follows), (2, true));
+    let replan = observer.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
+    assert_eq!(replan.table().facts.revision, 2);
+    assert_eq!(replan.asked_by(), (observer.id(), edited.correlation));
+    let seen = watch.next(PATIENCE).unwrap().expect("the replan is published to everybody");
+    assert_eq!(seen.epoch(), replan.epoch());
+
+    let raised = observer.structures("block").unwrap().into_iter().find(|known| known.id == tallest.id).unwrap();
+    assert!((raised.top_m - tallest.top_m - 15.0).abs() < 1e-9, "{raised:?} after {tallest:?}");
+}
+
+#[test]
+fn the_same_request_gives_the_same_plan() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "one");
+    load(&client, "two");
+    let plans = ["one", "two"].map(|scene| client.plan(scene, &quick(), &mut |_| {}).unwrap());
+    let [one, two] = plans.map(|plan| plan_table::from_table(&plan.table()).unwrap().0);
+    assert_eq!(one.waypoints, two.waypoints);
+    assert_eq!(one.metrics, two.metrics);
+    assert_eq!(one.cells, two.cells);
+}
+
+#[test]
+fn a_late_joiner_reads_the_field_where_it_lies() {
+    let served = Served::start();
+    let loaded = load(&served.client(), "block");
+    let joiner = served.client();
+    let field = joiner.field("block").unwrap();
+    let table = field.table();
+    assert_eq!(table.viewpoints.len() as u64, loaded.viewpoints);
+    assert_eq!(field.bytes(), loaded.field_bytes);
+    assert!(table.visibility.iter().any(|word| *word != 0));
+
+    let plan = joiner.plan("block", &quick(), &mut |_| {}).unwrap();
+    assert_eq!(plan.table().cells.len(), table.samples.len());
+    let name = table.name(&table.structures[0]).into_owned();
+    let edited = joiner.edit("block", &EditOrder::Remove { structure: name }).unwrap();
+    joiner.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
+    let newer = joiner.field("block").unwrap();
+    assert!(newer.epoch() > field.epoch());
+    assert_eq!((field.table().facts.revision, newer.table().facts.revision), (1, 2));
+    assert_eq!(newer.table().structures.len() + 1, field.table().structures.len());
+}
+
+#[test]
+fn a_newer_request_takes_the_place_of_an_older_one() {
+    let served = Served::start();
+    let loaded = load(&served.client(), "block");
+    let rival = served.client();
+    std::thread::scope(|threads| {
+        let patient = threads.spawn(|| refusal(served.client().plan(&loaded.scene, &endless(), &mut |_| {})));
+        wait_for("the search", || rival.status().unwrap().scenes.iter().find(|s| s.state == SceneState::Planning).map(drop));
+        rival.plan(&loaded.scene, &quick(), &mut |_| {}).unwrap();
+        assert_eq!(patient.join().unwrap().0, RefusalCode::Superseded);
+    });
+}
+
+#[test]
+fn a_request_that_is_refused_leaves_a_running_search_alone() {
+    let served = Served::start();
+    let loaded = load(&served.client(), "block");
+    let rival = served.client();
+    std::thread::scope(|threads| {
+        let patient = threads.spawn(|| served.client().plan(&loaded.scene, &endless(), &mut |_| {}));
+        wait_for("the search", || rival.status().unwrap().scenes.iter().find(|s| s.state == SceneState::Planning).map(drop));
+        let unknown = overfly_client::PlanOrder { rig: "kite".into(), ..quick() };
+        assert_eq!(refusal(rival.plan(&loaded.scene, &unknown, &mut |_| {})).0, RefusalCode::Plan);
+        let shed = EditOrder::Remove { structure: "no such shed".into() };
+        assert_eq!(refusal(rival.edit(&loaded.scene, &shed)).0, RefusalCode::UnknownStructure);
+        let broken = overfly_client::SceneSource::Bytes { file_name: "block.geojson".into(), bytes: b"{".to_vec() };
+        assert_eq!(refusal(rival.load(broken, Some(&loaded.scene), &mut |_| {})).0, RefusalCode::Import);
+        assert_eq!(rival.status().unwrap().scenes[0].state, SceneState::Planning);
+
+        rival.cancel(&loaded.scene).unwrap();
+        let plan = patient.join().unwrap().expect("a cancelled search gives its best plan so far");
+        assert_eq!(plan.table().facts.stop, 2);
+    });
+}
+
+#[test]
+fn of_several_edits_only_the_newest_is_planned() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    client.plan("block", &quick(), &mut |_| {}).unwrap();
+    let structure = client.structures("block").unwrap()[0].name.clone();
+    let edits: Vec<_> =
+        (0..5).map(|_| client.edit("block", &EditOrder::Raise { structure: structure.clone(), by_m: 1.0 }).unwrap()).collect();
+    let last = client.await_replan(&edits[4], PATIENCE, &mut |_| {}).unwrap();
+    assert_eq!(last.table().facts.revision, 6);
+    let superseded = edits[..4]
+        .iter()
+        .map(|edited| client.await_replan(edited, PATIENCE, &mut |_| {}))
+        .filter(|outcome| outcome.as_ref().is_err())
+        .map(|outcome| refusal(outcome).0)
+        .collect::<Vec<_>>();
+    assert!(superseded.iter().all(|code| *code == RefusalCode::Superseded), "{superseded:?}");
+    assert!(!superseded.is_empty(), "five edits at once are not planned five times");
+}
+
+#[test]
+fn an_edit_that_leaves_nothing_to_plan_on_is_undone() {
+    let served = Served::with_settings("[flight]\nlateral_margin_m = 0.0\nlegal_ceiling_m = 120.0");
+    let client = served.client();
+    load(&client, "block");
+    client.plan("block", &quick(), &mut |_| {}).unwrap();
+    // A slab over the whole block and up to the ceiling of the flight leaves no free space.
+    let outline_m = vec![[-200.0, -200.0], [200.0, -200.0], [200.0, 200.0], [-200.0, 200.0]];
+    let slab = EditOrder::Add { name: "slab".into(), outline_m, base_m: 0.0, top_m: 119.0 };
+    let edited = client.edit("block", &slab).unwrap();
+    let (code, message) = refusal(client.await_replan(&edited, PATIENCE, &mut |_| {}));
+    assert_eq!(code, RefusalCode::Field, "{message}");
+    assert!(message.contains("revision 1"), "{message}");
+    assert_eq!(client.field("block").unwrap().table().facts.revision, 1);
+    client.plan("block", &quick(), &mut |_| {}).unwrap();
+}
+
+#[test]
+fn scenes_are_listed_and_unloaded() {
+    let served = Served::with_settings("memory_budget_mb = 1");
+    let client = served.client();
+    assert_eq!(client.watch("a").err().map(|error| refusal::<()>(Err(error)).0), Some(RefusalCode::UnknownScene));
+    let loaded = load(&client, "a");
+    let status = client.status().unwrap();
+    assert_eq!((status.pid, status.field_bytes), (served.pid(), loaded.field_bytes));
+    assert!(status.resident_mb > 0.0 && status.uptime_s > 0.0);
+    let fit = status.budget_bytes / loaded.field_bytes;
+    let names: Vec<String> = (0..=fit).map(|index| format!("b{index}")).collect();
+    let over =
+        names.iter().find_map(|name| client.load(block(1, 9), Some(name), &mut |_| {}).err()).expect("the budget is small");
+    let (code, message) = refusal::<()>(Err(over));
+    assert_eq!(code, RefusalCode::Memory);
+    assert!(message.contains("memory_budget_mb"), "{message}");
+    client.unload("a").unwrap();
+    load(&client, "c");
+    assert!(client.status().unwrap().scenes.iter().all(|scene| scene.name != "a"));
+}
+
+#[test]
+fn a_ping_is_acknowledged_while_a_search_runs() {
+    let served = Served::start();
+    let loaded = load(&served.client(), "block");
+    let client = served.client();
+    std::thread::scope(|threads| {
+        let search = threads.spawn(|| served.client().plan(&loaded.scene, &endless(), &mut |_| {}));
+        wait_for("the search", || client.status().unwrap().scenes.iter().find(|s| s.state == SceneState::Planning).map(drop));
+        let samples = overfly_client::bench::ping(&client, 50, Duration::ZERO).unwrap();
+        assert_eq!(samples.len(), 50);
+        client.cancel(&loaded.scene).unwrap();
+        search.join().unwrap().unwrap();
+    });
+}

@@ -70,8 +70,13 @@ pub fn plan(
     let start = start_pose(&problem, options.start_m, stop)?;
     let iterations = options.iterations.unwrap_or(settings.search.iterations);
 
-    let outcome = search(&problem, start, iterations, options.seed, stop, on_progress)?;
-    let (images, sums) = images::place(&outcome.path, &problem, settings.flight.cruise_speed_mps);
+    let speed_mps = settings.flight.cruise_speed_mps;
+    let confirm = |path: &[Pose]| {
+        let (images, _) = images::place(path, &problem, speed_mps);
+        evaluate::capture(snapshot, &problem.rig, &images, stop).map_or(0, |capture| capture.captured)
+    };
+    let outcome = search(&problem, start, iterations, options.seed, stop, &confirm, on_progress)?;
+    let (images, sums) = images::place(&outcome.path, &problem, speed_mps);
     let capture = evaluate::capture(snapshot, &problem.rig, &images, stop).ok_or(PlanError::Abandoned)?;
     let curve: Vec<_> = outcome.path.iter().map(|pose| pose.position).collect();
     let clearance_m = safety::check(&curve, &snapshot.free)?;

@@ -146,6 +146,8 @@ pub struct SearchSettings {
     pub neighbour_share: f64,
     pub neighbour_min_m: f64,
     pub neighbour_max_m: f64,
+    /// The nearest so many neighbours are looked at.
+    pub neighbours_most: u32,
     /// Least distance of two images along an edge, m, and least time between them, s.
     pub image_spacing_m: f64,
     pub shutter_interval_s: f64,

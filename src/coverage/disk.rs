@@ -72,6 +72,11 @@ impl DiskModel {
         self.settings.range_m
     }
 
+    /// Cells of the largest disk in the lookup table.
+    pub fn most_cells(&self) -> u32 {
+        self.masks.iter().map(|mask| mask.count_ones()).max().unwrap_or(0)
+    }
+
     /// Whether a view from `view` could capture the sample if nothing stood between them: range and incidence.
     pub fn faces(&self, sample: &SampleFrame, view: &Point3<f64>) -> bool {
         let to_view = view - sample.position;

@@ -37,6 +37,8 @@ pub struct Problem<'a> {
     pub sufficient: u32,
     disks: &'a DiskModel,
     lookup: &'a Lookup,
+    /// No image gains more than this.
+    most_of_image: Information,
     frames: Vec<SampleFrame>,
     areas_mm2: Vec<u64>,
     /// Cells that a capturable sample must exceed; all cells for one that cannot be captured.
@@ -67,6 +69,7 @@ impl<'a> Problem<'a> {
             sufficient: enough.min(capturable),
             disks: &snapshot.disks,
             lookup: &snapshot.lookup,
+            most_of_image: most_of_image(&field, &snapshot.disks),
             frames: frames(&field),
             areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
             thresholds: field.ceilings.iter().map(|&c| if u32::from(c) > threshold { threshold } else { CELLS as u32 }).collect(),
@@ -95,6 +98,11 @@ impl<'a> Problem<'a> {
     pub fn observe_pose(&self, pose: &Pose, scratch: &mut Scratch) -> Observations {
         self.observe(pose, scratch);
         scratch.take()
+    }
+
+    /// An upper bound of what the images of a leg can gain, whatever they see.
+    pub fn most_of_leg(&self, from: &Pose, to: &Pose) -> Information {
+        image_count((to.position - from.position).norm(), self.image_spacing_m) as u64 * self.most_of_image
     }
 
     /// Adds the coverage disks of one view: visibility from the field, frustum and disk exactly at the pose.
@@ -157,7 +165,7 @@ impl Scratch {
 /// viewpoints along an edge ARE the images of the flight.
 pub fn image_poses(from: &Pose, to: &Pose, spacing_m: f64) -> impl Iterator<Item = Pose> + use<> {
     let leg = to.position - from.position;
-    let count = ((leg.norm() / spacing_m).floor() as usize).max(1);
+    let count = image_count(leg.norm(), spacing_m);
     let (start, end) = (*from, *to);
     (1..=count).map(move |k| {
         if k == count {
@@ -165,6 +173,20 @@ pub fn image_poses(from: &Pose, to: &Pose, spacing_m: f64) -> impl Iterator<Item
         }
         Pose { position: start.position + leg * (k as f64 / count as f64), direction: end.direction }
     })
+}
+
+fn image_count(length_m: f64, spacing_m: f64) -> usize {
+    ((length_m / spacing_m).floor() as usize).max(1)
+}
+
+/// The most that any row of the field could gain: every sample in it under the largest disk.
+fn most_of_image(field: &FieldTable, disks: &DiskModel) -> Information {
+    let area = |row: &[u64]| -> u64 {
+        let seen = |&i: &usize| row[i / 64] >> (i % 64) & 1 == 1;
+        (0..field.samples.len()).filter(seen).map(|i| field.samples[i].area_mm2).sum()
+    };
+    let most = (0..field.viewpoints.len()).map(|j| area(field.row(j))).max().unwrap_or(0);
+    most * u64::from(disks.most_cells())
 }
 
 fn frames(field: &FieldTable) -> Vec<SampleFrame> {

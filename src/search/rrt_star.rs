@@ -16,12 +16,16 @@ use crate::stop::StopToken;
 const SAMPLE_TRIES: u32 = 20_000;
 
 /// Algorithm 2, Trajectory Planning. One seed gives one path, bit for bit.
+///
+/// The tree knows coverage by the field, which is right to a point or two. So a path that reaches the goal is `confirm`ed, which counts
+/// the capturable samples that it really captures; when some are missing, that many more are asked of the tree.
 pub fn search(
     problem: &Problem,
     start: Pose,
     iterations: u32,
     seed: u64,
     stop: &StopToken,
+    confirm: &dyn Fn(&[Pose]) -> u32,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, SearchError> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -32,7 +36,7 @@ pub fn search(
     let mut reason = StopReason::IterationsUsed;
     // Alg. 2: "while percentage of surface points [...] is <= G and # iterations of this while loop is < K".
     for iteration in 1..=iterations {
-        if best.is_sufficient(problem) {
+        if best.is_sufficient(problem, confirm) {
             reason = StopReason::GoalReached;
             break;
         }
@@ -44,11 +48,11 @@ pub fn search(
             // Alg. 2: "if every 50 iterations then Rewire_Tree(T, w_start)".
             rewire_tree(problem, &mut tree, 0, stop);
         }
-        best.improve(problem, &tree);
+        best.improve(&tree);
         convergence.push(best.record(problem));
         on_progress(&best.progress(problem, iteration, iterations));
     }
-    if reason == StopReason::IterationsUsed && best.is_sufficient(problem) {
+    if reason == StopReason::IterationsUsed && best.is_sufficient(problem, confirm) {
         reason = StopReason::GoalReached;
     }
     Ok(Outcome { path: best.path, convergence, stop: reason })
@@ -63,16 +67,15 @@ pub(super) fn expand(problem: &Problem, tree: &mut Tree, random: &mut ChaCha8Rng
     let new = tree.add(pose);
     // "N <- Find_Neighbors(T, w_new)".
     let neighbours = find_neighbours(problem, tree, new);
-    let mut parent = None;
+    // "if N is empty then w_p <- Find the node in T that is nearest to w_new and reachable to w_new".
+    let mut parent = reachable_from;
+    let mut best = f64::NEG_INFINITY;
     for n in neighbours {
         // "w_p <- Find the node in N that maximizes Eq. (6) for trajectory {w_start, ..., w_p, w_new}".
-        let objective = tree.objective_through(n, new);
-        if parent.is_none_or(|(_, best)| objective > best) {
-            parent = Some((n, objective));
+        if let Some(objective) = tree.objective_above(n, new, best) {
+            (parent, best) = (n, objective);
         }
     }
-    // "if N is empty then w_p <- Find the node in T that is nearest to w_new and reachable to w_new".
-    let parent = parent.map_or(reachable_from, |(n, _)| n);
     // "Connect w_new to T by setting w_p as w_new's parent".
     tree.connect(parent, new);
     // "Rewire_Tree(T, w_new)".
@@ -110,9 +113,12 @@ fn random_sample(
 fn find_neighbours(problem: &Problem, tree: &mut Tree, w: usize) -> Vec<usize> {
     let (position, radius) = (tree.nodes[w].pose.position, problem.field.facts.neighbour_radius_m);
     // "N <- find nodes in T within a radius of 10% scene size from w".
-    let near: Vec<usize> = (0..tree.nodes.len()).filter(|&n| n != w && distance(&tree.nodes[n], &position) <= radius).collect();
-    // "if w is not reachable from n [...] then N <- N - n".
-    near.into_iter().filter(|&n| tree.can_fly(n, w)).collect()
+    let mut near: Vec<(f64, usize)> =
+        (0..tree.nodes.len()).filter(|&n| n != w).map(|n| (distance(&tree.nodes[n], &position), n)).collect();
+    near.retain(|&(distance_m, _)| distance_m <= radius);
+    near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    // "if w is not reachable from n [...] then N <- N - n". Section 5.2 calls this a k-NN search: the nearest ones are enough.
+    near.into_iter().map(|(_, n)| n).filter(|&n| tree.can_fly(n, w)).take(problem.settings.neighbours_most as usize).collect()
 }
 
 /// Algorithm 5, Rewire_Tree. The time budget counts reconnections, with a cap on the nodes that are looked at.
@@ -133,8 +139,7 @@ pub(super) fn rewire_tree(problem: &Problem, tree: &mut Tree, start: usize, stop
                 continue;
             }
             // "Try to connect w_i to w"; "if E({w_start, ..., w_i}) increases after the reconnection then".
-            let objective = tree.objective_through(w, n);
-            if objective <= tree.nodes[n].objective {
+            if tree.objective_above(w, n, tree.nodes[n].objective).is_none() {
                 continue;
             }
             if reconnections == problem.settings.rewirings {
@@ -165,7 +170,10 @@ fn distance(node: &Node, position: &Point3<f64>) -> f64 {
 /// It is kept as positions, because later rewiring may take it out of the tree again.
 struct Best {
     path: Vec<Pose>,
+    /// Capturable samples above the threshold, by the field.
     captured: u32,
+    /// How many of them make a path sufficient, by the field.
+    required: u32,
     objective: f64,
     length_m: f64,
     turning_s: f64,
@@ -173,19 +181,34 @@ struct Best {
 
 impl Best {
     fn of(problem: &Problem, tree: &Tree) -> Self {
-        let mut best = Self { path: Vec::new(), captured: 0, objective: f64::NEG_INFINITY, length_m: 0.0, turning_s: 0.0 };
+        let mut best = Self {
+            path: Vec::new(),
+            captured: 0,
+            required: problem.sufficient,
+            objective: f64::NEG_INFINITY,
+            length_m: 0.0,
+            turning_s: 0.0,
+        };
         best.take(tree, 0);
-        best.improve(problem, tree);
+        best.improve(tree);
         best
     }
 
-    fn is_sufficient(&self, problem: &Problem) -> bool {
-        self.captured >= problem.sufficient
+    /// Whether the path captures more than G percent of the capturable samples. What the field promised and the path does not keep
+    /// is added to what the field must promise next.
+    fn is_sufficient(&mut self, problem: &Problem, confirm: &dyn Fn(&[Pose]) -> u32) -> bool {
+        if self.captured < self.required {
+            return false;
+        }
+        let missing = problem.sufficient.saturating_sub(confirm(&self.path));
+        self.required = self.captured + missing;
+        missing == 0
     }
 
     /// Alg. 2: "S <- Find trajectories in T with sufficient coverage; T_best <- the trajectory in S that maximizes Eq. (6)".
-    fn improve(&mut self, problem: &Problem, tree: &Tree) {
-        let rank = |captured: u32, objective: f64| (captured.min(problem.sufficient), objective);
+    fn improve(&mut self, tree: &Tree) {
+        let required = self.required;
+        let rank = |captured: u32, objective: f64| (captured.min(required), objective);
         let candidate = (0..tree.nodes.len())
             .map(|n| (rank(tree.nodes[n].captured, tree.nodes[n].objective), n))
             .max_by(|(a, i), (b, j)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(j.cmp(i)));

@@ -71,13 +71,21 @@ impl<'p, 'a> Tree<'p, 'a> {
         *self.flyable.entry((a.min(b), a.max(b))).or_insert_with(|| self.problem.can_fly(&from, &to))
     }
 
-    /// E of the path to `parent` continued to `child`. The drone must be able to fly there.
-    pub fn objective_through(&mut self, parent: usize, child: usize) -> f64 {
-        self.observe_leg(parent, child);
-        let gain = self.problem.gain(&self.nodes[parent].covered, &self.legs[&(parent, child)]);
+    /// E of the path to `parent` continued to `child` if it exceeds `least`. The drone must be able to fly there.
+    ///
+    /// Looking at a leg is the search's main cost, and most legs lose by far. So first an upper bound is compared: no image gains
+    /// more than the best row of the field holds. The bound is strict, so the answer never depends on it.
+    pub fn objective_above(&mut self, parent: usize, child: usize, least: f64) -> Option<f64> {
+        let objective = &self.problem.objective;
         let mut sums = self.sums_with_leg(parent, child);
-        sums.information += gain;
-        self.problem.objective.value(&sums)
+        let mut bound = sums;
+        bound.information += self.problem.most_of_leg(&self.nodes[parent].pose, &self.nodes[child].pose);
+        if objective.value(&bound) <= least {
+            return None;
+        }
+        self.observe_leg(parent, child);
+        sums.information += self.problem.gain(&self.nodes[parent].covered, &self.legs[&(parent, child)]);
+        Some(objective.value(&sums)).filter(|&value| value > least)
     }
 
     /// Makes `parent` the parent of `child` and brings the whole subtree of `child` up to date. The drone must be able to fly the leg.

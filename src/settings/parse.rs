@@ -97,6 +97,7 @@ impl Settings {
             ("search.neighbour_share", search.neighbour_share, 0.0, 1.0),
             ("search.neighbour_min_m", search.neighbour_min_m, 1.0, 10_000.0),
             ("search.neighbour_max_m", search.neighbour_max_m, 1.0, 10_000.0),
+            ("search.neighbours_most", f64::from(search.neighbours_most), 1.0, 1_000_000.0),
             ("search.image_spacing_m", search.image_spacing_m, 0.5, 1000.0),
             ("search.shutter_interval_s", search.shutter_interval_s, 0.0, 60.0),
             ("daemon.memory_budget_mb", daemon.memory_budget_mb as f64, 1.0, 1e9),

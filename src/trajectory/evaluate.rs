@@ -16,6 +16,8 @@ pub struct Capture {
     /// Covered cells of each sample.
     pub cells: Vec<u16>,
     pub information: Information,
+    /// Capturable samples with r > h.
+    pub captured: u32,
     /// Shares of samples with r > h, percent.
     pub coverage_percent: f64,
     pub coverage_exposed_percent: f64,
@@ -39,9 +41,11 @@ pub fn capture(snapshot: &Snapshot, rig: &Rig, images: &[Image], stop: &StopToke
     let above = |cells: u16| u32::from(cells) > threshold;
     let exposed = count(&|i| field.samples[i].exposed == 1);
     let capturable = count(&|i| above(field.ceilings[i]));
+    let captured = count(&|i| above(field.ceilings[i]) && above(cells[i]));
     Some(Capture {
+        captured: captured as u32,
         information: cells.iter().zip(field.samples).map(|(&cells, row)| u64::from(cells) * row.area_mm2).sum(),
-        coverage_percent: percent(count(&|i| above(field.ceilings[i]) && above(cells[i])), capturable),
+        coverage_percent: percent(captured, capturable),
         coverage_exposed_percent: percent(count(&|i| above(cells[i])), exposed),
         capturable_percent: percent(capturable, exposed),
         cells,

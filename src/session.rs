@@ -16,7 +16,7 @@ use crate::scene::edit::{DirtyRegion, Edit, EditError};
 use crate::scene::free_space::FreeSpace;
 use crate::settings::Settings;
 use crate::stop::StopToken;
-use crate::surface::{self, Sample, Sampling};
+use crate::surface::{self, Sample, Sampler, Sampling};
 
 pub use crate::field::{FieldError, FieldStorage, Snapshot, Survey};
 
@@ -28,12 +28,12 @@ pub struct Session {
     settings: Arc<Settings>,
     disks: Arc<DiskModel>,
     pins: Pins,
+    sampler: Arc<Sampler>,
 }
 
 /// What an edit must not change, so that samples and viewpoints away from the edit stay where they are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pins {
-    sampling: Sampling,
     lattice: Lattice,
     reference_area_m2: f64,
     neighbour_radius_m: f64,
@@ -42,9 +42,9 @@ struct Pins {
 impl Session {
     /// Pins lattice, spacings and units for `scene`; revision 1. This samples the whole scene (tens of milliseconds).
     pub fn new(scene: Scene, settings: Arc<Settings>, stop: &StopToken) -> Result<Self, FieldError> {
-        let pins = Pins::choose(&scene, &settings, stop)?;
+        let (pins, sampler) = Pins::choose(&scene, &settings, stop)?;
         let disks = Arc::new(DiskModel::new(&settings.coverage));
-        Ok(Self { scene: Arc::new(scene), revision: 1, settings, disks, pins })
+        Ok(Self { scene: Arc::new(scene), revision: 1, settings, disks, pins, sampler: Arc::new(sampler) })
     }
 
     /// A session of another scene under the same pinned settings: what a rebuild from the edited scene means.
@@ -76,7 +76,7 @@ impl Session {
     pub fn survey(&self, stop: &StopToken) -> Result<Survey, FieldError> {
         let free = FreeSpace::new(&self.scene, &self.settings.flight);
         check(stop)?;
-        let samples = surface::sample_scene(&self.scene, &self.pins.sampling, stop).ok_or(FieldError::Stopped)?;
+        let samples = self.sampler.sample(&self.scene, stop).ok_or(FieldError::Stopped)?;
         if !samples.iter().any(|sample| sample.exposed) {
             return Err(FieldError::NoSurface { scene: self.scene.name.clone() });
         }
@@ -94,7 +94,7 @@ impl Session {
             counts: field::counts(&self.scene, &outlines, samples.len(), viewpoints.len()),
             outlines,
             facts: self.facts(),
-            offset_m: self.pins.sampling.offset_m,
+            offset_m: self.sampler.sampling().offset_m,
             disks: Arc::clone(&self.disks),
             free: Arc::new(free),
             samples,
@@ -109,7 +109,7 @@ impl Session {
             revision: self.revision,
             settings_hash: self.settings.field_hash(),
             lattice_spacing_m: self.pins.lattice.spacing_m,
-            sample_spacing_m: self.pins.sampling.spacing_m,
+            sample_spacing_m: self.sampler.sampling().spacing_m,
             reference_area_m2: self.pins.reference_area_m2,
             neighbour_radius_m: self.pins.neighbour_radius_m,
             range_m: self.settings.coverage.range_m,
@@ -126,7 +126,7 @@ impl Session {
 }
 
 impl Pins {
-    fn choose(scene: &Scene, settings: &Settings, stop: &StopToken) -> Result<Self, FieldError> {
+    fn choose(scene: &Scene, settings: &Settings, stop: &StopToken) -> Result<(Self, Sampler), FieldError> {
         let free = FreeSpace::new(scene, &settings.flight);
         check(stop)?;
         let surface = &settings.surface;
@@ -135,7 +135,7 @@ impl Pins {
         if spacing_m <= 0.0 {
             return Err(FieldError::NoSurface { scene: scene.name.clone() });
         }
-        let sampling = Sampling { spacing_m, seed: surface.seed, offset_m: surface.exposure_offset_m };
+        let sampler = Sampler::new(Sampling { spacing_m, seed: surface.seed, offset_m: surface.exposure_offset_m });
         let coarsest = Lattice {
             origin: Point3::new(free.limits.min.x, free.limits.min.y, 0.0),
             spacing_m: settings.field.max_spacing_m,
@@ -148,14 +148,10 @@ impl Pins {
         }
         let lattice = Lattice { spacing_m: lattice_m, ..coarsest };
         let exposed = |sample: &Sample| if sample.exposed { sample.area_mm2 } else { 0 };
-        let samples = surface::sample_scene(scene, &sampling, stop).ok_or(FieldError::Stopped)?;
+        let samples = sampler.sample(scene, stop).ok_or(FieldError::Stopped)?;
         let area_mm2: u64 = samples.iter().map(exposed).sum();
-        Ok(Self {
-            sampling,
-            lattice,
-            reference_area_m2: area_mm2 as f64 / 1e6,
-            neighbour_radius_m: neighbour_radius_m(scene, settings),
-        })
+        let neighbour_radius_m = neighbour_radius_m(scene, settings);
+        Ok((Self { lattice, reference_area_m2: area_mm2 as f64 / 1e6, neighbour_radius_m }, sampler))
     }
 }
 

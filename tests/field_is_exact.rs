@@ -2,6 +2,8 @@
 
 mod support;
 
+use std::sync::Arc;
+
 use nalgebra::{Point3, Vector3};
 use overfly::coverage::{DiskModel, SampleFrame};
 use overfly::scene::edit::Edit;
@@ -100,7 +102,10 @@ proptest! {
                 snapshot(&edited);
             }
         }
-        let rebuilt = pristine.with_scene((**edited.scene()).clone(), edited.revision());
+        // Fresh structures, so that nothing remembered of the old ones can be used.
+        let mut scene = (**edited.scene()).clone();
+        scene.structures.iter_mut().for_each(|structure| *structure = Arc::new((**structure).clone()));
+        let rebuilt = pristine.with_scene(scene, edited.revision());
         let (edited, rebuilt) = (snapshot(&edited), snapshot(&rebuilt));
         prop_assert_eq!(edited.storage().blocks(), rebuilt.storage().blocks());
         let plan = |snapshot| overfly::planner::plan(snapshot, &settings, &support::options(1, 40), &Default::default(), &mut |_| {});

@@ -31,6 +31,8 @@ pub struct DiskModel {
     settings: CoverageSettings,
     cells: Vec<Vector3<f64>>,
     masks: Vec<Mask>,
+    /// Half-angle of a frontal disk by distance, rad, at equal steps up to the range.
+    frontal: Vec<f64>,
     min_cosine: f64,
     least_half_angle: f64,
     half_angle_step: f64,
@@ -39,6 +41,7 @@ pub struct DiskModel {
 /// Bins of the lookup table: directions on a square grid over the unit disk, and half-angles.
 const GRID: usize = 64;
 const HALF_ANGLES: usize = 16;
+const DISTANCES: usize = 1024;
 
 /// A view on a sample: local direction to the view and half-angle of its disk, rad.
 struct Disk {
@@ -55,6 +58,7 @@ impl DiskModel {
             settings: settings.clone(),
             cells: (0..CELLS).map(cell_direction).collect(),
             masks: Vec::new(),
+            frontal: (0..=DISTANCES).map(|k| half_angle(settings, settings.range_m * k as f64 / DISTANCES as f64, 1.0)).collect(),
             min_cosine,
             least_half_angle,
             half_angle_step: (largest - least_half_angle) / HALF_ANGLES as f64,
@@ -79,7 +83,11 @@ impl DiskModel {
 
     /// Cells that a visible view from `view` covers, by the lookup table; empty out of range or too oblique.
     pub fn mask(&self, sample: &SampleFrame, view: &Point3<f64>) -> Mask {
-        let Some(disk) = self.disk(sample, view) else { return 0 };
+        let by_table = |distance: f64, cosine: f64| {
+            let step = (distance * (DISTANCES as f64 / self.settings.range_m)) as usize;
+            self.frontal[step.min(DISTANCES)] * cosine.sqrt().sqrt()
+        };
+        let Some(disk) = self.disk(sample, view, by_table) else { return 0 };
         let bin = |v: f64| (((v + 1.0) * (GRID as f64 / 2.0)) as usize).min(GRID - 1);
         let radius = (((disk.half_angle - self.least_half_angle) / self.half_angle_step).max(0.0) as usize).min(HALF_ANGLES - 1);
         self.masks[(radius * GRID + bin(disk.direction.y)) * GRID + bin(disk.direction.x)]
@@ -87,10 +95,11 @@ impl DiskModel {
 
     /// The same without the table's rounding, cell by cell: for reported figures and as the table's oracle.
     pub fn exact_mask(&self, sample: &SampleFrame, view: &Point3<f64>) -> Mask {
-        self.disk(sample, view).map_or(0, |disk| self.cells_within(&disk))
+        let exactly = |distance, cosine| half_angle(&self.settings, distance, cosine);
+        self.disk(sample, view, exactly).map_or(0, |disk| self.cells_within(&disk))
     }
 
-    fn disk(&self, sample: &SampleFrame, view: &Point3<f64>) -> Option<Disk> {
+    fn disk(&self, sample: &SampleFrame, view: &Point3<f64>, half_angle: impl Fn(f64, f64) -> f64) -> Option<Disk> {
         if !self.faces(sample, view) {
             return None;
         }
@@ -100,7 +109,7 @@ impl DiskModel {
         let [first, second] = sample.tangents;
         Some(Disk {
             direction: Vector3::new(to_view.dot(&first) / distance, to_view.dot(&second) / distance, cosine),
-            half_angle: half_angle(&self.settings, distance, cosine),
+            half_angle: half_angle(distance, cosine),
         })
     }
 
@@ -129,9 +138,8 @@ impl DiskModel {
 
 /// Half-angle of the disk, rad: theta0 for a near frontal view, less with distance and obliqueness.
 fn half_angle(settings: &CoverageSettings, distance_m: f64, cosine: f64) -> f64 {
-    let beyond = distance_m - settings.full_disk_m;
-    let shrinking = if beyond > 0.0 { libm::exp(-beyond / settings.falloff_m) } else { 1.0 };
-    settings.theta0_deg.to_radians() * shrinking * cosine.sqrt().sqrt()
+    let beyond = (distance_m - settings.full_disk_m).max(0.0);
+    settings.theta0_deg.to_radians() * libm::exp(-beyond / settings.falloff_m) * cosine.sqrt().sqrt()
 }
 
 #[cfg(test)]

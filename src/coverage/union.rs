@@ -21,6 +21,14 @@ impl Observations {
         Self { samples, masks }
     }
 
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.samples.is_empty()
+    }
+
     pub fn iter(&self) -> impl Iterator<Item = (usize, Mask)> + '_ {
         self.samples.iter().map(|&i| i as usize).zip(self.masks.iter().copied())
     }

@@ -77,8 +77,9 @@ impl FreeSpace {
         self.zones.iter().find(|zone| zone.meets(a, b)).map(|zone| Obstruction::Zone(zone.name.clone()))
     }
 
+    /// Whether `p` is a safe position: [`FreeSpace::obstruction_at`] without a reason, cheapest tests first.
     pub fn is_safe(&self, p: &Point3<f64>) -> bool {
-        self.obstruction_at(p).is_none()
+        self.limits.contains(p) && self.is_leg_safe(p, p) && self.structure_around(p).is_none()
     }
 
     /// Whether the leg between two safe positions is safe. The hot path of the search: no reason is made up.

@@ -177,24 +177,62 @@ fn united_all(polygons: &[Polygon<f64>]) -> MultiPolygon<f64> {
 
 /// How often the surface winds round `point`: 1 inside, 0 outside, in between where the surface has gaps.
 fn winding_number(triangles: &[Triangle], point: &Point3<f64>, with_mirror_image: bool) -> f64 {
-    let direct: f64 = triangles.iter().map(|triangle| solid_angle(triangle, point)).sum();
-    let mirrored: f64 = if with_mirror_image {
+    let mut angle = AngleSum::default();
+    triangles.iter().for_each(|triangle| angle.add_solid_angle(triangle, point));
+    if with_mirror_image {
         let image = Point3::new(point.x, point.y, -point.z);
         // The mirrored surface seen from the point is the surface seen from the mirrored point, turned inside out twice.
-        triangles.iter().map(|triangle| solid_angle(triangle, &image)).sum()
-    } else {
-        0.0
-    };
-    (direct + mirrored) / (4.0 * std::f64::consts::PI)
+        triangles.iter().for_each(|triangle| angle.add_solid_angle(triangle, &image));
+    }
+    // A whole turn of half solid angles is 2 pi.
+    angle.turns()
 }
 
-/// Signed solid angle of a triangle (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983), positive from inside.
-fn solid_angle(triangle: &Triangle, point: &Point3<f64>) -> f64 {
-    let [a, b, c]: [Vector3<f64>; 3] = triangle.map(|corner| corner - point);
-    let [length_a, length_b, length_c] = [a.norm(), b.norm(), c.norm()];
-    let volume = a.dot(&b.cross(&c));
-    let spread = length_a * length_b * length_c + a.dot(&b) * length_c + b.dot(&c) * length_a + c.dot(&a) * length_b;
-    2.0 * libm::atan2(volume, spread)
+/// A sum of angles without an arc tangent for each: unit complex numbers are multiplied, and passing the negative real axis is
+/// counted.
+struct AngleSum {
+    re: f64,
+    im: f64,
+    whole_turns: i32,
+}
+
+impl Default for AngleSum {
+    fn default() -> Self {
+        Self { re: 1.0, im: 0.0, whole_turns: 0 }
+    }
+}
+
+impl AngleSum {
+    /// Adds half the signed solid angle of a triangle (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983), positive
+    /// from inside.
+    fn add_solid_angle(&mut self, triangle: &Triangle, point: &Point3<f64>) {
+        let [a, b, c]: [Vector3<f64>; 3] = triangle.map(|corner| corner - point);
+        let [length_a, length_b, length_c] = [a.norm(), b.norm(), c.norm()];
+        let volume = a.dot(&b.cross(&c));
+        let spread = length_a * length_b * length_c + a.dot(&b) * length_c + b.dot(&c) * length_a + c.dot(&a) * length_b;
+        self.add(spread, volume);
+    }
+
+    /// Adds the angle of the complex number `re + i im`.
+    fn add(&mut self, re: f64, im: f64) {
+        let size = re.abs() + im.abs();
+        if size == 0.0 {
+            return;
+        }
+        let (re, im) = (re / size, im / size);
+        let (was_above, adds_above) = (self.im >= 0.0, im >= 0.0);
+        (self.re, self.im) = (self.re * re - self.im * im, self.re * im + self.im * re);
+        let scale = self.re.abs() + self.im.abs();
+        (self.re, self.im) = (self.re / scale, self.im / scale);
+        // Two angles of one sign whose sum has the other sign have passed half a turn.
+        if was_above == adds_above && (self.im >= 0.0) != was_above {
+            self.whole_turns += if was_above { 1 } else { -1 };
+        }
+    }
+
+    fn turns(&self) -> f64 {
+        f64::from(self.whole_turns) + libm::atan2(self.im, self.re) / (2.0 * std::f64::consts::PI)
+    }
 }
 
 #[cfg(test)]
@@ -217,6 +255,16 @@ mod tests {
             ),
             polygon![(x: 40.0, y: 0.0), (x: 44.0, y: 0.0), (x: 40.0, y: 9.0)],
         ])
+    }
+
+    proptest! {
+        #[test]
+        fn angles_add_up_as_their_arc_tangents_do(numbers in proptest::collection::vec((-1.0..1.0f64, -1.0..1.0f64), 0..40)) {
+            let mut sum = AngleSum::default();
+            numbers.iter().for_each(|&(re, im)| sum.add(re, im));
+            let expected: f64 = numbers.iter().map(|&(re, im)| im.atan2(re)).sum::<f64>() / (2.0 * std::f64::consts::PI);
+            prop_assert!((sum.turns() - expected).abs() < 1e-9, "{} against {expected}", sum.turns());
+        }
     }
 
     fn signed_volume(triangles: &[Triangle]) -> f64 {

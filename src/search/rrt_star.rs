@@ -36,11 +36,10 @@ pub fn search(
             reason = StopReason::GoalReached;
             break;
         }
-        if stop.is_stopped() {
+        if stop.is_stopped() || !expand(problem, &mut tree, &mut random, stop)? {
             reason = StopReason::Cancelled;
             break;
         }
-        expand(problem, &mut tree, &mut random, stop)?;
         if iteration % problem.settings.root_rewire_every.max(1) == 0 {
             // Alg. 2: "if every 50 iterations then Rewire_Tree(T, w_start)".
             rewire_tree(problem, &mut tree, 0, stop);
@@ -55,17 +54,19 @@ pub fn search(
     Ok(Outcome { path: best.path, convergence, stop: reason })
 }
 
-/// One pass through the body of Algorithm 2.
-pub(super) fn expand(problem: &Problem, tree: &mut Tree, random: &mut ChaCha8Rng, stop: &StopToken) -> Result<(), SearchError> {
+/// One pass through the body of Algorithm 2; `false` when stopped before there was a new node.
+pub(super) fn expand(problem: &Problem, tree: &mut Tree, random: &mut ChaCha8Rng, stop: &StopToken) -> Result<bool, SearchError> {
     // "w_new <- Random_Sample(F, T)".
-    let (pose, reachable_from) = random_sample(problem, tree, random)?;
+    let Some((pose, reachable_from)) = random_sample(problem, tree, random, stop)? else {
+        return Ok(false);
+    };
     let new = tree.add(pose);
     // "N <- Find_Neighbors(T, w_new)".
     let neighbours = find_neighbours(problem, tree, new);
     let mut parent = None;
     for n in neighbours {
         // "w_p <- Find the node in N that maximizes Eq. (6) for trajectory {w_start, ..., w_p, w_new}".
-        let Some(objective) = tree.objective_through(n, new) else { continue };
+        let objective = tree.objective_through(n, new);
         if parent.is_none_or(|(_, best)| objective > best) {
             parent = Some((n, objective));
         }
@@ -76,12 +77,20 @@ pub(super) fn expand(problem: &Problem, tree: &mut Tree, random: &mut ChaCha8Rng
     tree.connect(parent, new);
     // "Rewire_Tree(T, w_new)".
     rewire_tree(problem, tree, new, stop);
-    Ok(())
+    Ok(true)
 }
 
-/// Algorithm 3, Random_Sample. Returns the location and the nearest node that it can be reached from.
-fn random_sample(problem: &Problem, tree: &Tree, random: &mut ChaCha8Rng) -> Result<(Pose, usize), SearchError> {
+/// Algorithm 3, Random_Sample. Returns the location and the nearest node that it can be reached from; nothing when stopped.
+fn random_sample(
+    problem: &Problem,
+    tree: &Tree,
+    random: &mut ChaCha8Rng,
+    stop: &StopToken,
+) -> Result<Option<(Pose, usize)>, SearchError> {
     for _ in 0..SAMPLE_TRIES {
+        if stop.is_stopped() {
+            return Ok(None);
+        }
         // "w_new <- randomize a location in F": a viewpoint of the field, anywhere in its lattice cell.
         let position = randomise(problem, random);
         if !problem.free.is_safe(&position) {
@@ -91,7 +100,7 @@ fn random_sample(problem: &Problem, tree: &Tree, random: &mut ChaCha8Rng) -> Res
         let mut nodes: Vec<(f64, usize)> = (0..tree.nodes.len()).map(|n| (distance(&tree.nodes[n], &position), n)).collect();
         nodes.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         if let Some(&(_, nearest)) = nodes.iter().find(|&&(_, n)| problem.can_fly(&tree.nodes[n].pose.position, &position)) {
-            return Ok((Pose { position, direction: None }, nearest));
+            return Ok(Some((Pose { position, direction: None }, nearest)));
         }
     }
     Err(SearchError::Unreachable { tries: SAMPLE_TRIES })
@@ -124,7 +133,7 @@ pub(super) fn rewire_tree(problem: &Problem, tree: &mut Tree, start: usize, stop
                 continue;
             }
             // "Try to connect w_i to w"; "if E({w_start, ..., w_i}) increases after the reconnection then".
-            let Some(objective) = tree.objective_through(w, n) else { continue };
+            let objective = tree.objective_through(w, n);
             if objective <= tree.nodes[n].objective {
                 continue;
             }

@@ -27,10 +27,17 @@ pub struct Node {
 pub struct Tree<'p, 'a> {
     problem: &'p Problem<'a>,
     pub nodes: Vec<Node>,
-    /// What a leg adds, by its start and end node; `None` where the drone cannot fly.
-    legs: HashMap<(usize, usize), Option<Observations>>,
+    /// Whether the drone can fly between two nodes, the lower index first.
+    flyable: HashMap<(usize, usize), bool>,
+    /// What a leg adds, by its start and end node: a cache.
+    legs: HashMap<(usize, usize), Observations>,
+    /// Entries of all cached legs together.
+    held: usize,
     scratch: Scratch,
 }
+
+/// The cache of legs keeps at most this many entries (of 20 bytes) beside those of the tree's own edges.
+const MOST_HELD: usize = 2_000_000;
 
 impl<'p, 'a> Tree<'p, 'a> {
     /// A tree of the root alone, which takes an image.
@@ -41,7 +48,7 @@ impl<'p, 'a> Tree<'p, 'a> {
         let sums = PathSums { information, ..Default::default() };
         let objective = problem.objective.value(&sums);
         let root = Node { pose: root, parent: None, children: Vec::new(), sums, objective, captured, covered };
-        Self { problem, nodes: vec![root], legs: HashMap::new(), scratch }
+        Self { problem, nodes: vec![root], flyable: HashMap::new(), legs: HashMap::new(), held: 0, scratch }
     }
 
     /// Adds a node without a parent; [`Tree::connect`] follows.
@@ -59,18 +66,18 @@ impl<'p, 'a> Tree<'p, 'a> {
     }
 
     /// Whether the drone can fly between two nodes, in either direction.
-    pub fn can_fly(&mut self, from: usize, to: usize) -> bool {
-        self.leg(from, to).is_some()
+    pub fn can_fly(&mut self, a: usize, b: usize) -> bool {
+        let (from, to) = (self.nodes[a].pose.position, self.nodes[b].pose.position);
+        *self.flyable.entry((a.min(b), a.max(b))).or_insert_with(|| self.problem.can_fly(&from, &to))
     }
 
-    /// E of the path to `parent` continued to `child`; `None` where the drone cannot fly there.
-    pub fn objective_through(&mut self, parent: usize, child: usize) -> Option<f64> {
-        self.leg(parent, child)?;
-        let seen = self.legs[&(parent, child)].as_ref()?;
-        let gain = self.problem.gain(&self.nodes[parent].covered, seen);
+    /// E of the path to `parent` continued to `child`. The drone must be able to fly there.
+    pub fn objective_through(&mut self, parent: usize, child: usize) -> f64 {
+        self.observe_leg(parent, child);
+        let gain = self.problem.gain(&self.nodes[parent].covered, &self.legs[&(parent, child)]);
         let mut sums = self.sums_with_leg(parent, child);
         sums.information += gain;
-        Some(self.problem.objective.value(&sums))
+        self.problem.objective.value(&sums)
     }
 
     /// Makes `parent` the parent of `child` and brings the whole subtree of `child` up to date. The drone must be able to fly the leg.
@@ -101,9 +108,8 @@ impl<'p, 'a> Tree<'p, 'a> {
         let parent = self.nodes[node].parent.expect("the root is never updated");
         let mut covered = std::mem::take(&mut self.nodes[node].covered);
         covered.clone_from(&self.nodes[parent].covered);
-        self.leg(parent, node);
-        let seen = self.legs[&(parent, node)].as_ref().expect("only legs that can be flown are connected");
-        let gained = self.problem.cover(&mut covered, seen);
+        self.observe_leg(parent, node);
+        let gained = self.problem.cover(&mut covered, &self.legs[&(parent, node)]);
         let mut sums = self.sums_with_leg(parent, node);
         sums.information += gained.information;
         let captured = self.nodes[parent].captured + gained.captured;
@@ -125,16 +131,22 @@ impl<'p, 'a> Tree<'p, 'a> {
         sums
     }
 
-    fn leg(&mut self, from: usize, to: usize) -> Option<&Observations> {
-        let (a, b) = (self.nodes[from].pose, self.nodes[to].pose);
-        let (problem, scratch) = (self.problem, &mut self.scratch);
-        let back_is_blocked = matches!(self.legs.get(&(to, from)), Some(None));
-        self.legs
-            .entry((from, to))
-            .or_insert_with(|| {
-                let flies = !back_is_blocked && problem.can_fly(&a.position, &b.position);
-                flies.then(|| problem.observe_leg(&a, &b, scratch))
-            })
-            .as_ref()
+    fn observe_leg(&mut self, from: usize, to: usize) {
+        if self.legs.contains_key(&(from, to)) {
+            return;
+        }
+        if self.held > MOST_HELD {
+            self.forget_legs_outside_of_the_tree();
+        }
+        let seen = self.problem.observe_leg(&self.nodes[from].pose, &self.nodes[to].pose, &mut self.scratch);
+        self.held += seen.len();
+        self.legs.insert((from, to), seen);
+    }
+
+    fn forget_legs_outside_of_the_tree(&mut self) {
+        let nodes = &self.nodes;
+        self.legs.retain(|&(from, to), _| nodes[to].parent == Some(from));
+        // What the tree itself holds does not count, or a large tree would empty its cache at every step.
+        self.held = 0;
     }
 }

@@ -3,12 +3,13 @@
 //! The samples of a structure depend on that structure, the spacing and the seed alone, so that an edit elsewhere never moves
 //! them. Only [`Sample::exposed`] looks at the neighbours.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::scene::{Bounds, Scene, Shape, Structure, Triangle};
+use crate::scene::{Bounds, Scene, Shape, Structure, StructureId, Triangle};
 use crate::stop::StopToken;
 
 /// A point on a surface.
@@ -44,27 +45,64 @@ pub fn choose_spacing_m(scene: &Scene, target: u32, seed: u64, offset_m: f64, st
     if !(trial.spacing_m > 0.0 && trial.spacing_m.is_finite()) {
         return Some(0.0);
     }
-    let exposed = sample_scene(scene, &trial, stop)?.iter().filter(|sample| sample.exposed).count();
+    let exposed = Sampler::new(trial).sample(scene, stop)?.iter().filter(|sample| sample.exposed).count();
     Some(trial.spacing_m * (exposed as f64 / target).sqrt())
 }
 
-/// All samples of the scene, in the order of its structures; `None` when stopped.
-pub fn sample_scene(scene: &Scene, sampling: &Sampling, stop: &StopToken) -> Option<Vec<Sample>> {
-    let bounds: Vec<Bounds> = scene.structures.iter().map(|structure| structure.bounds()).collect();
-    let of_structure = |(index, structure): (usize, &Arc<Structure>)| {
-        if stop.is_stopped() {
-            return None;
+/// The samples of structures that were sampled before. They depend on their structure alone, so that an edit elsewhere leaves them
+/// valid; only exposure is found anew.
+#[derive(Debug)]
+pub struct Sampler {
+    sampling: Sampling,
+    known: Mutex<HashMap<StructureId, Known>>,
+}
+
+type Known = (Arc<Structure>, Arc<Vec<Sample>>);
+
+impl Sampler {
+    pub fn new(sampling: Sampling) -> Self {
+        Self { sampling, known: Mutex::default() }
+    }
+
+    pub fn sampling(&self) -> &Sampling {
+        &self.sampling
+    }
+
+    /// All samples of the scene, in the order of its structures; `None` when stopped.
+    pub fn sample(&self, scene: &Scene, stop: &StopToken) -> Option<Vec<Sample>> {
+        let bounds: Vec<Bounds> = scene.structures.iter().map(|structure| structure.bounds()).collect();
+        let of_structure = |(index, structure): (usize, &Arc<Structure>)| {
+            if stop.is_stopped() {
+                return None;
+            }
+            let neighbours = neighbours(scene, &bounds, index, self.sampling.offset_m);
+            let mut samples = self.of_structure(structure).to_vec();
+            for sample in &mut samples {
+                sample.structure = index as u32;
+                sample.exposed = is_exposed(sample, &neighbours, self.sampling.offset_m);
+            }
+            Some(samples)
+        };
+        let sampled: Option<Vec<Vec<Sample>>> = scene.structures.par_iter().enumerate().map(of_structure).collect();
+        self.lock().retain(|id, _| scene.structure(*id).is_some());
+        sampled.map(|structures| structures.concat())
+    }
+
+    fn of_structure(&self, structure: &Arc<Structure>) -> Arc<Vec<Sample>> {
+        if let Some((known, samples)) = self.lock().get(&structure.id)
+            && Arc::ptr_eq(known, structure)
+        {
+            return Arc::clone(samples);
         }
-        let neighbours = neighbours(scene, &bounds, index, sampling.offset_m);
-        let mut samples = sample_structure(structure, sampling);
-        for sample in &mut samples {
-            sample.structure = index as u32;
-            sample.exposed = is_exposed(sample, &neighbours, sampling.offset_m);
-        }
-        Some(samples)
-    };
-    let sampled: Option<Vec<Vec<Sample>>> = scene.structures.par_iter().enumerate().map(of_structure).collect();
-    sampled.map(|structures| structures.concat())
+        let samples = Arc::new(sample_structure(structure, &self.sampling));
+        self.lock().insert(structure.id, (Arc::clone(structure), Arc::clone(&samples)));
+        samples
+    }
+
+    fn lock(&self) -> MutexGuard<'_, HashMap<StructureId, Known>> {
+        // The map is whole at every moment that a thread could have panicked in.
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// The samples of one structure, all marked exposed.
@@ -117,16 +155,21 @@ fn outward_normals(
     front.then_some(normal).into_iter().chain(back.then_some(-normal))
 }
 
-fn is_exposed(sample: &Sample, neighbours: &[&Arc<Structure>], offset_m: f64) -> bool {
+fn is_exposed(sample: &Sample, neighbours: &[(Bounds, &Structure)], offset_m: f64) -> bool {
     let in_front = sample.position + sample.normal * offset_m;
-    in_front.z > 0.0 && !neighbours.iter().any(|neighbour| neighbour.contains(&in_front))
+    let buried = |(bounds, neighbour): &(Bounds, &Structure)| bounds.contains(&in_front) && neighbour.contains(&in_front);
+    in_front.z > 0.0 && !neighbours.iter().any(buried)
 }
 
-fn neighbours<'a>(scene: &'a Scene, bounds: &[Bounds], index: usize, reach_m: f64) -> Vec<&'a Arc<Structure>> {
+/// The structures whose boxes come near that of structure `index`, with their boxes.
+fn neighbours<'a>(scene: &'a Scene, bounds: &[Bounds], index: usize, reach_m: f64) -> Vec<(Bounds, &'a Structure)> {
     let own = &bounds[index];
     let near = |other: &Bounds| (0..3).all(|i| other.min[i] - reach_m <= own.max[i] && own.min[i] - reach_m <= other.max[i]);
-    let others = scene.structures.iter().zip(bounds).enumerate();
-    others.filter(|(i, (_, other))| *i != index && near(other)).map(|(_, (structure, _))| structure).collect()
+    let others = bounds.iter().zip(&scene.structures).enumerate();
+    others
+        .filter(|(i, (other, _))| *i != index && near(other))
+        .map(|(_, (other, structure))| (*other, structure.as_ref()))
+        .collect()
 }
 
 /// Small triangles of the surface in sampling order.

@@ -10,7 +10,9 @@ use overfly_client::{EditOrder, RefusalCode};
 use overfly_table::Block;
 use overfly_wire::codec;
 use overfly_wire::frame::{self, Limits};
-use overfly_wire::service::{self, Bell, BlockPublisher, BlockSubscriber, Channel, EVENT_REQUEST, EventNotifier, IpcNode};
+use overfly_wire::service::{
+    self, Bell, BlockPublisher, BlockSubscriber, Channel, EVENT_REQUEST, EventNotifier, IpcNode, Memory,
+};
 use overfly_wire::{Domain, Header, Kind, Reply, Request, SCHEMA, WireBlock};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
@@ -27,7 +29,7 @@ struct Vandal {
 impl Vandal {
     fn enter(domain: &Domain) -> Self {
         let node = service::node(domain, "vandal").unwrap();
-        let requests = service::publisher(&service::open(&node, Channel::Requests).unwrap(), None).unwrap();
+        let requests = service::publisher(&service::open(&node, Channel::Requests).unwrap(), Memory::Growing).unwrap();
         let replies = service::subscriber(&service::open(&node, Channel::Replies).unwrap()).unwrap();
         let ring = service::notifier(&service::open_bell(&node, Bell::Daemon).unwrap()).unwrap();
         Self { requests, replies, ring, _node: node }
@@ -165,7 +167,7 @@ fn files_that_are_no_scenes_are_refused() {
         let source = overfly_client::SceneSource::Bytes { file_name: file_name.into(), bytes };
         refusal(client.load(source, None, &mut |_| {}))
     };
-    for bytes in [Vec::new(), b"{".to_vec(), b"\xff\xfe\x00".to_vec(), b"[1,2,3]".to_vec()] {
+    for bytes in [Vec::new(), vec![b'{'; 900_000], b"{".to_vec(), b"\xff\xfe\x00".to_vec(), b"[1,2,3]".to_vec()] {
         assert_eq!(load("broken.geojson", bytes).0, RefusalCode::Import);
     }
     assert_eq!(load("large.geojson", vec![b' '; 1_500_000]).0, RefusalCode::Malformed);

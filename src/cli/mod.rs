@@ -1,1 +1,83 @@
-//! The command line.
+//! The command line. Commands are clients of the daemon, or run the planner in process; either way one writer makes the files.
+
+mod answer;
+mod arguments;
+mod bench;
+mod daemon;
+mod demo;
+mod edit;
+mod failure;
+mod generate;
+mod in_process;
+mod load;
+mod machine;
+mod outputs;
+mod plan;
+mod private_daemon;
+mod progress;
+mod serve;
+mod settings_file;
+mod status;
+mod values;
+mod watch;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use self::answer::{Answer, Form};
+use self::arguments::{Arguments, Command};
+use self::failure::{Failure, Kind};
+
+/// Runs the command line `line`, whose first word is the program's name.
+pub fn run(line: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let line: Vec<OsString> = line.into_iter().collect();
+    let arguments = match Arguments::try_parse_from(&line) {
+        Ok(arguments) => arguments,
+        Err(error) => return refuse_line(&line, &error),
+    };
+    let form = if arguments.json { Form::Json } else { Form::Text };
+    match execute(&arguments.command, form) {
+        Ok(answer) => {
+            answer.iter().for_each(|answer| form.print(answer));
+            ExitCode::SUCCESS
+        }
+        Err(failure) => report(&failure, form),
+    }
+}
+
+/// Commands that speak while they run have nothing left to say at their end.
+fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
+    match command {
+        Command::Demo(arguments) => demo::run(arguments, form).map(Some),
+        Command::Serve(arguments) => serve::run(arguments).map(|()| None),
+        Command::Load(arguments) => load::run(arguments, form).map(Some),
+        Command::Plan(arguments) => plan::run(arguments, form).map(Some),
+        Command::Edit(arguments) => edit::run(arguments, form).map(Some),
+        Command::Watch(arguments) => watch::run(arguments, form).map(|()| None),
+        Command::Status(arguments) => status::run(arguments).map(Some),
+        Command::Reload(reach) => status::reload(reach).map(Some),
+        Command::Stop(reach) => status::stop(reach).map(Some),
+        Command::Bench(arguments) => bench::run(arguments, form).map(Some),
+        Command::Generate(arguments) => generate::run(arguments, form).map(Some),
+    }
+}
+
+fn report(failure: &Failure, form: Form) -> ExitCode {
+    match form {
+        Form::Json => form.print(&Answer { text: String::new(), json: failure.to_json() }),
+        Form::Text => eprintln!("overfly: {failure}"),
+    }
+    ExitCode::from(failure.kind() as u8)
+}
+
+/// Help and version are answers; everything else is a mistake in the line.
+fn refuse_line(line: &[OsString], error: &clap::Error) -> ExitCode {
+    if !error.use_stderr() || !line.iter().any(|word| word == "--json") {
+        let _ = error.print();
+        return ExitCode::from(if error.use_stderr() { Kind::Usage as u8 } else { 0 });
+    }
+    let message = error.render().to_string().trim_end().to_owned();
+    report(&Failure::Usage(message), Form::Json)
+}

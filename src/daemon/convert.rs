@@ -60,9 +60,8 @@ fn find(scene: &Scene, structure: &str) -> Result<StructureId, Refusal> {
     scene.find(structure).ok_or_else(|| {
         let count = scene.structures.len();
         let name = &scene.name;
-        let message = format!(
-            "scene {name:?} has no structure {structure:?} among its {count}; list them with `overfly status --scene {name}`"
-        );
+        let message =
+            format!("scene {name:?} has no structure {structure:?} among its {count}; list them with `overfly status {name}`");
         Refusal::new(RefusalCode::UnknownStructure, message)
     })
 }

@@ -1,16 +1,15 @@
 //! The service that publishes the field of one scene, and the field where it lies.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use iceoryx2::port::LoanError;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::ipc_threadsafe;
 use iceoryx2::sample_mut::SampleMut;
 use overfly_table::Block;
 use overfly_wire::memory::{self, MemoryError};
 use overfly_wire::service::{
-    self, BlockPublisher, BlockSample, BlockService, BlockSubscriber, FIELD_SAMPLES, IpcNode, ServiceError,
+    self, BlockPublisher, BlockSample, BlockService, BlockSubscriber, FIELD_SAMPLES, IpcNode, Memory, ServiceError,
 };
 use overfly_wire::{Header, WireBlock};
 
@@ -32,20 +31,32 @@ pub enum FieldChannelError {
     Lost { scene: String, cause: String },
 }
 
-/// Publisher of one scene's fields. The daemon is the first subscriber of its own tables, so that its searches read the same
+/// Publishers of one scene's fields. The daemon is the first subscriber of its own tables, so that its searches read the same
 /// memory as everybody else.
 #[derive(Debug)]
 pub struct FieldChannel {
     scene: String,
-    publisher: Mutex<Arc<BlockPublisher>>,
+    publishers: Mutex<Publishers>,
     own: BlockSubscriber,
     service: BlockService,
 }
 
+/// A publisher's memory cannot grow, so that a field that does not fit takes a new one.
+#[derive(Debug, Default)]
+struct Publishers {
+    /// Has published the current field and hands it to late joiners.
+    serving: Option<Arc<BlockPublisher>>,
+    /// Lends memory for the next field, mostly the same one.
+    lending: Option<Arc<BlockPublisher>>,
+}
+
+type LentField = SampleMut<ipc_threadsafe::Service, [WireBlock], Header>;
+
 /// Shared memory that holds a finished field nobody has seen yet.
 #[derive(Debug)]
 pub struct FilledField {
-    sample: SampleMut<ipc_threadsafe::Service, [WireBlock], Header>,
+    sample: LentField,
+    publisher: Arc<BlockPublisher>,
     reservation: Reservation,
 }
 
@@ -75,9 +86,8 @@ impl FieldChannel {
     pub fn create(node: &IpcNode, scene: &str) -> Result<Arc<Self>, FieldChannelError> {
         memory::check_room(0)?;
         let service = service::provide_field(node, scene)?;
-        let publisher = Arc::new(service::publisher(&service, Some(FIELD_SAMPLES))?);
         let own = service::subscriber(&service)?;
-        Ok(Arc::new(Self { scene: scene.into(), publisher: Mutex::new(publisher), own, service }))
+        Ok(Arc::new(Self { scene: scene.into(), publishers: Mutex::default(), own, service }))
     }
 
     /// Lends `count` zeroed blocks, each of them backed by memory, and lets `build` fill them. May be called from a worker thread.
@@ -87,19 +97,21 @@ impl FieldChannel {
         reservation: Reservation,
         build: impl FnOnce(&mut [Block]) -> Result<(), E>,
     ) -> Result<FilledField, E> {
-        let mut sample = self.loan(count)?;
+        let (publisher, mut sample) = self.loan(count)?;
         build(WireBlock::blocks_mut(sample.payload_mut()))?;
         sample.user_header_mut().bulk_bytes = (count * Block::BYTES) as u64;
-        Ok(FilledField { sample, reservation })
+        Ok(FilledField { sample, publisher, reservation })
     }
 
     /// Publishes a field under `header` and takes the daemon's own hold on it.
     pub fn publish(&self, filled: FilledField, header: Header) -> Result<HeldField, FieldChannelError> {
         let lost = |cause: String| FieldChannelError::Lost { scene: self.scene.clone(), cause };
-        let FilledField { mut sample, reservation } = filled;
+        let FilledField { mut sample, publisher, reservation } = filled;
         let bulk_bytes = sample.user_header().bulk_bytes;
         *sample.user_header_mut() = Header { bulk_bytes, ..header };
         sample.send().map_err(|error| lost(error.to_string()))?;
+        // The publisher of the field before may go now; whoever reads its fields keeps their memory.
+        self.lock().serving = Some(publisher);
         while let Some(sample) = self.own.receive().map_err(|error| lost(error.to_string()))? {
             let found = sample.user_header();
             if (found.instance, found.epoch) == (header.instance, header.epoch) {
@@ -112,37 +124,44 @@ impl FieldChannel {
 
     /// Hands the current field to subscribers that have come since.
     pub fn update(&self) {
-        if let Err(error) = self.publisher().update_connections() {
+        let serving = self.lock().serving.clone();
+        if let Some(Err(error)) = serving.map(|publisher| publisher.update_connections()) {
             tracing::warn!(scene = self.scene, %error, "a subscriber of the field cannot be connected");
         }
     }
 
-    fn loan(&self, count: usize) -> Result<SampleMut<ipc_threadsafe::Service, [WireBlock], Header>, FieldChannelError> {
-        let refused = |cause: String| FieldChannelError::Loan { scene: self.scene.clone(), cause };
+    fn loan(&self, count: usize) -> Result<(Arc<BlockPublisher>, LentField), FieldChannelError> {
         memory::check_room(count * Block::BYTES)?;
-        let publisher = self.publisher();
-        let mut sample = match publisher.loan_slice_uninit(count) {
-            // Clients hold so many old fields that no place is free. A second publisher of the same service has places of its own; the
-            // old one's memory goes when its last reader lets go.
-            Err(LoanError::OutOfMemory) => {
-                tracing::warn!(scene = self.scene, "clients hold {FIELD_SAMPLES} old fields; a new segment is made");
-                self.renew()?.loan_slice_uninit(count).map_err(|error| refused(error.to_string()))?
+        let lending = self.lock().lending.clone();
+        let lent = lending.and_then(|publisher| publisher.loan_slice_uninit(count).ok().map(|sample| (publisher, sample)));
+        let (publisher, mut sample) = match lent {
+            Some(lent) => lent,
+            // The field has outgrown the publisher's memory, or clients hold as many old fields as there is room for. A second
+            // publisher of the same service has memory of its own; that of the first goes with its last reader.
+            None => {
+                let publisher = self.renew(count)?;
+                let sample = publisher
+                    .loan_slice_uninit(count)
+                    .map_err(|error| FieldChannelError::Loan { scene: self.scene.clone(), cause: error.to_string() })?;
+                (publisher, sample)
             }
-            other => other.map_err(|error| refused(error.to_string()))?,
         };
         memory::populate(sample.payload_mut())?;
         sample.payload_mut().fill(std::mem::MaybeUninit::new(WireBlock(Block::ZERO)));
         // SAFETY: every block was written just now.
-        Ok(unsafe { sample.assume_init() })
+        Ok((publisher, unsafe { sample.assume_init() }))
     }
 
-    fn renew(&self) -> Result<Arc<BlockPublisher>, FieldChannelError> {
-        let fresh = Arc::new(service::publisher(&self.service, Some(FIELD_SAMPLES))?);
-        *self.publisher.lock().unwrap_or_else(PoisonError::into_inner) = fresh.clone();
+    fn renew(&self, count: usize) -> Result<Arc<BlockPublisher>, FieldChannelError> {
+        // Edits make a field a little longer or shorter: leave room, which takes no memory before it is used.
+        let memory = Memory::Fixed { blocks: count + count / 4, samples: FIELD_SAMPLES };
+        let fresh = Arc::new(service::publisher(&self.service, memory)?);
+        self.lock().lending = Some(fresh.clone());
+        tracing::debug!(scene = self.scene, count, "new memory for fields");
         Ok(fresh)
     }
 
-    fn publisher(&self) -> Arc<BlockPublisher> {
-        self.publisher.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    fn lock(&self) -> MutexGuard<'_, Publishers> {
+        self.publishers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

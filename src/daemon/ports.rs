@@ -8,7 +8,7 @@ use overfly_wire::frame;
 use overfly_wire::memory;
 use overfly_wire::service::{
     self, Bell, BlockPublisher, BlockSample, BlockSubscriber, Channel, EVENT_ATTACH, EVENT_NEWS, EVENT_REQUEST, EventListener,
-    EventNotifier, IpcNode,
+    EventNotifier, IpcNode, Memory,
 };
 use overfly_wire::{Domain, Header, Kind, Reply, WireBlock};
 
@@ -48,8 +48,8 @@ impl Ports {
         memory::check_room(0)?;
         let node = service::node(domain, "overfly-daemon")?;
         let requests = service::subscriber(&service::provide(&node, Channel::Requests)?)?;
-        let replies = service::publisher(&service::provide(&node, Channel::Replies)?, None)?;
-        let plans = service::publisher(&service::provide(&node, Channel::Plans)?, None)?;
+        let replies = service::publisher(&service::provide(&node, Channel::Replies)?, Memory::Growing)?;
+        let plans = service::publisher(&service::provide(&node, Channel::Plans)?, Memory::Growing)?;
         let news = service::notifier(&service::provide_bell(&node, Bell::Clients)?)?;
         let bell = service::listener(&service::provide_bell(&node, Bell::Daemon)?)?;
         let unique = node.id().value();

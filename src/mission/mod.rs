@@ -1,3 +1,6 @@
 //! One writer per output format: a plan in, bytes out.
 
+pub mod plan_json;
 pub mod plan_table;
+pub mod run_json;
+pub mod svg;

@@ -59,7 +59,7 @@ pub struct DirtyRegion {
 /// Why an edit was refused. The scene is unchanged.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum EditError {
-    #[error("scene {scene:?} has no structure {id}; list them with `overfly status --scene {scene}`")]
+    #[error("scene {scene:?} has no structure {id}; list them with `overfly status {scene}`")]
     UnknownStructure { scene: String, id: StructureId },
     #[error("{name:?} cannot be raised or lowered by {by_m} m: give a number above 0")]
     Amount { name: String, by_m: f64 },

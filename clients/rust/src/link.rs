@@ -11,15 +11,13 @@ use overfly_wire::frame::{self, Limits};
 use overfly_wire::memory;
 use overfly_wire::service::{
     self, Bell, BlockPublisher, BlockService, BlockSubscriber, Channel, EVENT_ATTACH, EVENT_REQUEST, EventListener,
-    EventNotifier, IpcNode, LOOK_AGAIN, ServiceError,
+    EventNotifier, IpcNode, LOOK_AGAIN, Memory, ServiceError,
 };
 use overfly_wire::{Domain, Header, Kind, ProgressNote, RefusalCode, Reply, Request, WireBlock};
 
 use crate::error::ClientError;
 
-/// Messages that one client may have on their way at the same time.
-const REQUEST_SAMPLES: usize = 12;
-/// The same for a scene file: the first, and one that was sent again.
+/// How often a scene file may be on its way at the same time: once, and once again when nothing was heard.
 const BULK_SAMPLES: usize = 2;
 /// A request that nobody has acknowledged for so long is sent again.
 const RESEND: Duration = Duration::from_millis(100);
@@ -89,7 +87,7 @@ impl Link {
         let presence = Presence::enter(domain)?;
         let node = presence.node();
         let request_service = service::open(node, Channel::Requests)?;
-        let requests = service::publisher(&request_service, Some(REQUEST_SAMPLES))?;
+        let requests = service::publisher(&request_service, Memory::Growing)?;
         let replies = service::subscriber(&service::open(node, Channel::Replies)?)?;
         let plans = service::subscriber(&service::open(node, Channel::Plans)?)?;
         let news = service::listener(&service::open_bell(node, Bell::Clients)?)?;
@@ -149,7 +147,10 @@ impl Link {
         let now = Instant::now();
         let carrier = match bulk.is_empty() {
             true => None,
-            false => Some(service::publisher(&self.request_service, Some(BULK_SAMPLES))?),
+            false => {
+                let blocks = frame::blocks(codec::MAX_REQUEST_BYTES, bulk.len());
+                Some(service::publisher(&self.request_service, Memory::Fixed { blocks, samples: BULK_SAMPLES })?)
+            }
         };
         self.send(carrier.as_ref(), correlation, request, bulk)?;
         let about = if let Request::Outcome { correlation } = request { Some(*correlation) } else { None };

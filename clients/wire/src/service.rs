@@ -146,7 +146,7 @@ pub fn open(node: &IpcNode, channel: Channel) -> Result<BlockService, ServiceErr
 
 /// Creates the service for the field of `scene`.
 pub fn provide_field(node: &IpcNode, scene: &str) -> Result<BlockService, ServiceError> {
-    let capacity = Capacity { publishers: 4, buffer: 1, borrowed: 4, history: 1, overflow: true };
+    let capacity = Capacity { publishers: 8, buffer: 1, borrowed: 8, history: 1, overflow: true };
     provide_blocks(node, &field_name(scene), &capacity)
 }
 
@@ -166,16 +166,25 @@ pub fn open_bell(node: &IpcNode, bell: Bell) -> Result<EventService, ServiceErro
     builder.open().map_err(|error| event_failed(bell.name(), EventOpenOrCreateError::EventOpenError(error)))
 }
 
-/// A publisher whose memory grows with the longest message: the next power of two, sparse until it is written to. `samples` limits
-/// the messages that exist at the same time; `None` reserves what all receivers together could ever hold.
-pub fn publisher(service: &BlockService, samples: Option<usize>) -> Result<BlockPublisher, ServiceError> {
-    let builder = service
-        .publisher_builder()
-        .initial_max_slice_len(64)
-        .max_loaned_samples(2)
-        .allocation_strategy(AllocationStrategy::PowerOfTwo)
-        .backpressure_strategy(BackpressureStrategy::DiscardData)
-        .override_sample_preallocation(move |all| samples.unwrap_or(all));
+/// The memory of a publisher. It is sparse: what was never written to takes none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Memory {
+    /// Grows with the longest message to the next power of two, and has room for all messages that receivers can ever hold. A
+    /// smaller number must not be combined with growth: a grown segment may count more messages than the publisher keeps books for.
+    Growing,
+    /// Messages of at most `blocks` blocks, `samples` of them at the same time.
+    Fixed { blocks: usize, samples: usize },
+}
+
+pub fn publisher(service: &BlockService, memory: Memory) -> Result<BlockPublisher, ServiceError> {
+    let builder = service.publisher_builder().max_loaned_samples(2).backpressure_strategy(BackpressureStrategy::DiscardData);
+    let builder = match memory {
+        Memory::Growing => builder.initial_max_slice_len(64).allocation_strategy(AllocationStrategy::PowerOfTwo),
+        Memory::Fixed { blocks, samples } => builder
+            .initial_max_slice_len(blocks)
+            .allocation_strategy(AllocationStrategy::Static)
+            .override_sample_preallocation(move |_| samples),
+    };
     builder.create().map_err(|error| match error {
         PublisherCreateError::ExceedsMaxSupportedPublishers => crowded(service.name(), error),
         other => failed(service.name(), other),

@@ -1,0 +1,343 @@
+//! What can be said on the command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use super::values::{Meters2, Meters3, Outline};
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0  done; a plan that stays below the coverage goal is a result too, with a note
+  1  something unexpected, such as an output folder that cannot be written
+  2  the command line itself is wrong
+  3  a scene or configuration file is missing, unreadable or refused
+  4  no daemon answers, the contact to it was lost, or it cannot start
+  5  the daemon refused: unknown scene or structure, an edit that makes no sense
+  6  no plan: nothing to fly in, a start that cannot be flown, an unknown rig or method
+
+With --json each command prints one JSON object on standard output (`watch` one per line), and an error is
+{\"error\": {\"kind\": ..., \"message\": ...}} there. Progress, notes and logs go to standard error.
+
+Lengths are metres, times seconds, angles degrees; positions are east, north, up in the scene's local frame.";
+
+const EXAMPLES: &str = "\
+Examples:
+  overfly demo                                  the whole thing on a generated block, in a few seconds
+  overfly plan town.geojson --out flights/town  plan without a daemon; writes plan.json, plan.svg, run.json
+  overfly serve                                 start the daemon, then in another terminal:
+  overfly load town.geojson
+  overfly plan town
+  overfly edit town raise 8f02ac51 --by 15      the daemon replans at once
+";
+
+/// Plans one continuous flight of a camera drone that captures a city block for 3D reconstruction, and replans when the scene is edited.
+#[derive(Debug, Parser)]
+#[command(name = "overfly", version, before_long_help = EXAMPLES, after_help = EXIT_CODES, max_term_width = 120, subcommand_required = true)]
+pub struct Arguments {
+    /// Print one JSON object instead of text
+    #[arg(long, global = true)]
+    pub json: bool,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Show the whole thing: generate a block, plan, make one building taller, replan
+    Demo(DemoArgs),
+    /// Run the daemon in the foreground
+    Serve(ServeArgs),
+    /// Give a scene file to the daemon, which builds its view information field
+    Load(LoadArgs),
+    /// Plan a flight over a scene file (in process) or a loaded scene (by the daemon)
+    Plan(PlanArgs),
+    /// Change one structure of a loaded scene and receive the new plan
+    Edit(EditArgs),
+    /// Receive each new plan of a scene as it is published
+    Watch(WatchArgs),
+    /// Show the daemon and its scenes, or the structures of one scene
+    Status(StatusArgs),
+    /// Let the daemon read its configuration file again
+    Reload(Reach),
+    /// End the daemon
+    Stop(Reach),
+    /// Measure this machine
+    Bench(BenchArgs),
+    /// Write a generated city block as GeoJSON
+    Generate(GenerateArgs),
+}
+
+/// Which daemon is meant.
+#[derive(Debug, Clone, Args)]
+pub struct Reach {
+    /// Domain of the daemon: a short name; daemons of different domains do not see each other [default: overfly]
+    #[arg(long, value_name = "NAME")]
+    pub domain: Option<String>,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Writes plan.json, plan.svg, run.json, the same for the replan (replan.json, replan.svg, replan-run.json), the block \
+    (scene.geojson) and the daemon's log (daemon.log) into DIR. The daemon lives in a domain of its own and is stopped at the end."
+)]
+pub struct DemoArgs {
+    /// Folder for the results; it is created
+    #[arg(long, value_name = "DIR", default_value = "overfly-out/demo")]
+    pub out: PathBuf,
+    /// Seed of the block and of the search
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "SIGTERM and SIGINT end the daemon cleanly, SIGHUP (or `overfly reload`) reads the configuration again. The log goes \
+    to standard error; RUST_LOG=debug says more.\n\nExamples:\n  overfly serve\n  overfly serve --config aircraft.toml --domain left-wing"
+)]
+pub struct ServeArgs {
+    /// TOML file whose keys replace the built-in values; `config/default.toml` lists all keys with their units
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    #[command(flatten)]
+    pub reach: Reach,
+    /// End when standard input ends, so that the program that started this daemon takes it along
+    #[arg(long)]
+    pub until_stdin_ends: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Reads GeoJSON footprints with heights (.geojson, .json), CityJSON 1.0 to 2.0 (.city.json) and OBJ meshes (.obj). \
+    What was repaired or guessed is listed.\n\nExample:\n  overfly load delfshaven.city.json --name harbour"
+)]
+pub struct LoadArgs {
+    /// Scene file
+    pub file: PathBuf,
+    /// Name of the scene from now on [default: the file's name without its extension]
+    #[arg(long)]
+    pub name: Option<String>,
+    #[command(flatten)]
+    pub reach: Reach,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "If a file called SCENE exists, it is planned in process; else SCENE is the name of a scene that the daemon has loaded. \
+    Both give the same plan.json, byte for byte, for the same scene, settings, seed and iterations.\n\nExamples:\n  \
+    overfly plan town.geojson --seed 7 --out flights/town\n  overfly plan town.geojson --samples 1600 --viewpoints 2000 --iterations 1000\n  \
+    overfly plan town --start 10,-40,35"
+)]
+pub struct PlanArgs {
+    /// Scene file, or the name of a loaded scene
+    pub scene: String,
+    #[command(flatten)]
+    pub order: OrderArgs,
+    /// Folder for plan.json, plan.svg and run.json; without it only the figures are printed
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Only for a file: TOML file whose keys replace the built-in values
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    #[command(flatten)]
+    pub sizes: SizeArgs,
+    #[command(flatten)]
+    pub reach: Reach,
+}
+
+/// What is to be planned.
+#[derive(Debug, Clone, Args)]
+pub struct OrderArgs {
+    /// Cameras of the drone: `panoramic`
+    #[arg(long, value_name = "PRESET", default_value = "panoramic")]
+    pub rig: String,
+    /// Planning method: `paper`
+    #[arg(long, value_name = "NAME", default_value = "paper")]
+    pub method: String,
+    /// Seed of the search: the same seed gives the same plan
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Iterations of the tree search [default: the setting search.iterations, 400]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
+    pub iterations: Option<u32>,
+    /// Start of the flight: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub start: Option<Meters3>,
+}
+
+/// How fine the field is.
+#[derive(Debug, Clone, Args)]
+pub struct SizeArgs {
+    /// Only for a file: target number of surface samples [default: the setting surface.samples, 1200]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    pub samples: Option<u32>,
+    /// Only for a file: target number of viewpoints [default: the setting field.viewpoints, 1500]
+    #[arg(long, value_name = "M", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    pub viewpoints: Option<u32>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "ID is a structure's name, or its id in hexadecimal; `overfly status SCENE` lists both.\n\nExamples:\n  \
+    overfly edit town raise 8f02ac51a0b3c4d5 --by 15\n  overfly edit town move crane --by -12.5,4\n  \
+    overfly edit town add --name crane --outline \"0,0 8,0 8,8 0,8\" --height 60\n  overfly edit town remove crane --out flights/town")]
+pub struct EditArgs {
+    /// Name of the loaded scene
+    pub scene: String,
+    #[command(subcommand)]
+    pub change: Change,
+    /// Folder for plan.json, plan.svg and run.json of the new plan
+    #[arg(long, value_name = "DIR", global = true)]
+    pub out: Option<PathBuf>,
+    /// Return as soon as the edit is made, without the new plan
+    #[arg(long, global = true, conflicts_with = "out")]
+    pub no_wait: bool,
+    /// Domain of the daemon [default: overfly]
+    #[arg(long, value_name = "NAME", global = true)]
+    pub domain: Option<String>,
+}
+
+#[derive(Debug, Clone, Subcommand)]
+pub enum Change {
+    /// Make a structure taller
+    Raise {
+        /// Name or hexadecimal id of the structure
+        id: String,
+        /// How much, m
+        #[arg(long, value_name = "M")]
+        by: f64,
+    },
+    /// Make a structure lower; 1 m must remain
+    Lower {
+        /// Name or hexadecimal id of the structure
+        id: String,
+        /// How much, m
+        #[arg(long, value_name = "M")]
+        by: f64,
+    },
+    /// Take a structure away
+    Remove {
+        /// Name or hexadecimal id of the structure
+        id: String,
+    },
+    /// Put up a new structure with straight walls
+    Add {
+        /// Its name
+        #[arg(long)]
+        name: String,
+        /// Corners of the outline, m east and north: "x,y x,y x,y ..."
+        #[arg(long, value_name = "CORNERS", allow_hyphen_values = true)]
+        outline: Outline,
+        /// Height of the walls, m
+        #[arg(long, value_name = "M")]
+        height: f64,
+        /// Where the walls begin, m above the ground
+        #[arg(long, value_name = "M", default_value_t = 0.0, allow_hyphen_values = true)]
+        base: f64,
+    },
+    /// Shift a structure
+    Move {
+        /// Name or hexadecimal id of the structure
+        id: String,
+        /// Metres east and north
+        #[arg(long, value_name = "DX,DY", allow_hyphen_values = true)]
+        by: Meters2,
+    },
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "With --out each plan is written as REVISION.plan.json and REVISION.plan.svg.\n\nExample:\n  overfly watch town --count 3 --json"
+)]
+pub struct WatchArgs {
+    /// Name of the loaded scene
+    pub scene: String,
+    /// End after so many plans [default: watch until interrupted]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// Folder for the plans
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub reach: Reach,
+}
+
+#[derive(Debug, Args)]
+pub struct StatusArgs {
+    /// Name of a loaded scene: lists its structures with ids and heights
+    pub scene: Option<String>,
+    #[command(flatten)]
+    pub reach: Reach,
+}
+
+/// What is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Subject {
+    /// Loading, sampling and building the view information field
+    Field,
+    /// The tree search
+    Search,
+    /// Messages and tables between two processes
+    Ipc,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Prints median, p99 and spread (p90 - p10) beside what a prototype reached on two cores of a server processor.\n\n\
+    Example:\n  overfly bench field delfshaven.city.json --samples 1600 --viewpoints 2000"
+)]
+pub struct BenchArgs {
+    #[arg(value_enum)]
+    pub subject: Subject,
+    /// Scene file
+    pub file: PathBuf,
+    /// How often each step is measured
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub repeat: u32,
+    /// Iterations of the tree search [default: the setting search.iterations, 400]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
+    pub iterations: Option<u32>,
+    /// TOML file whose keys replace the built-in values
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    #[command(flatten)]
+    pub sizes: SizeArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  overfly generate --seed 7 --out block.geojson && overfly plan block.geojson")]
+pub struct GenerateArgs {
+    /// Seed of the block
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// File to write [default: standard output]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn coordinates_may_start_with_a_minus() {
+        let line = ["overfly", "plan", "town", "--start", "-10,-4.5,30"];
+        let Command::Plan(plan) = Arguments::try_parse_from(line).unwrap().command else { panic!("another command") };
+        assert_eq!(plan.order.start, Some(Meters3([-10.0, -4.5, 30.0])));
+    }
+
+    #[test]
+    fn options_of_an_edit_may_stand_behind_the_change() {
+        let line = ["overfly", "edit", "town", "move", "crane", "--by", "-1,2", "--out", "d", "--domain", "x", "--json"];
+        let arguments = Arguments::try_parse_from(line).unwrap();
+        let Command::Edit(edit) = arguments.command else { panic!("another command") };
+        assert!(arguments.json && edit.out == Some("d".into()) && edit.domain.as_deref() == Some("x"));
+        assert!(matches!(edit.change, Change::Move { by: Meters2([-1.0, 2.0]), .. }));
+    }
+}

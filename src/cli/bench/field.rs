@@ -1,0 +1,87 @@
+//! Loading a scene, sampling it, and building its view information field.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use nalgebra::{Point3, Vector3};
+use overfly_table::{Block, FieldTable};
+use serde_json::json;
+
+use super::{Report, Row};
+use crate::cli::answer::Form;
+use crate::cli::arguments::BenchArgs;
+use crate::cli::failure::Failure;
+use crate::cli::progress::Meter;
+use crate::cli::{in_process, settings_file};
+use crate::planner::StopToken;
+use crate::scene;
+use crate::session::Session;
+use crate::settings::Settings;
+
+pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
+    let settings = Arc::new(settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?);
+    let bytes = in_process::read_bytes(&arguments.file)?;
+    let file_name = arguments.file.to_string_lossy();
+    let stop = StopToken::default();
+    let mut meter = Meter::new(form);
+    let mut values: [Vec<f64>; 5] = Default::default();
+    let mut blocks: Vec<Block> = Vec::new();
+    for round in 1..=arguments.repeat {
+        meter.stage(&format!("round {round} of {}", arguments.repeat));
+        let started = Instant::now();
+        let (scene, _) = scene::read(&file_name, &bytes, &settings.proxy)?;
+        let read = started.elapsed();
+        let session = Session::new(scene, Arc::clone(&settings), &stop)?;
+        let survey = session.survey(&stop)?;
+        let surveyed = started.elapsed();
+        blocks.clear();
+        blocks.resize(survey.blocks(), Block::ZERO);
+        let build_started = Instant::now();
+        survey.build(&mut blocks, &stop)?;
+        let built = build_started.elapsed();
+        let steps = [read, surveyed - read, built, surveyed + built];
+        steps.iter().zip(&mut values).for_each(|(step, values)| values.push(step.as_secs_f64() * 1e3));
+    }
+    drop(meter);
+    let field = FieldTable::open(&blocks).expect("the survey built this table");
+    let rays = pairs_in_reach(&field, &settings);
+    values[4] = values[2].iter().map(|build_ms| rays as f64 / build_ms / 1e3).collect();
+    let [load, survey, build, all, rate] = values;
+    Ok(Report {
+        facts: [facts(&field, arguments.repeat), vec![("rays", json!(rays))]].concat(),
+        rows: vec![
+            Row { step: "load", unit: "ms", values: load, limit: "" },
+            Row { step: "survey", unit: "ms", values: survey, limit: "" },
+            Row { step: "build", unit: "ms", values: build, limit: "33 walls, 77 CWBVH, 110 parry (N 1600, M 2000)" },
+            Row { step: "load to field", unit: "ms", values: all, limit: "goal 500 (delfshaven, N 1600, M 2000)" },
+            Row { step: "rays", unit: "million/s", values: rate, limit: "8 parry, 12 CWBVH, 50 walls" },
+        ],
+    })
+}
+
+/// Facts of a field that figures depend on.
+pub fn facts(field: &FieldTable, repeat: u32) -> Vec<(&'static str, serde_json::Value)> {
+    vec![
+        ("structures", json!(field.structures.len())),
+        ("samples", json!(field.samples.len())),
+        ("exposed", json!(field.samples.iter().filter(|sample| sample.exposed == 1).count())),
+        ("viewpoints", json!(field.viewpoints.len())),
+        ("field MB", json!(std::mem::size_of_val(field.visibility) as f64 / 1e6)),
+        ("rounds", json!(repeat)),
+    ]
+}
+
+/// Pairs of a viewpoint and an exposed sample that need a ray: in range, and the sample faces the viewpoint.
+fn pairs_in_reach(field: &FieldTable, settings: &Settings) -> u64 {
+    let least_cosine = settings.coverage.max_incidence_deg.to_radians().cos();
+    let needs_ray = |viewpoint: &Point3<f64>, position_m: &[f64; 3], normal: &[f64; 3]| {
+        let towards = viewpoint - Point3::from(*position_m);
+        let distance_m = towards.norm();
+        distance_m <= field.facts.range_m && towards.dot(&Vector3::from(*normal)) >= least_cosine * distance_m
+    };
+    let exposed = || field.samples.iter().filter(|sample| sample.exposed == 1);
+    let count = |viewpoint: Point3<f64>| {
+        exposed().filter(|sample| needs_ray(&viewpoint, &sample.position_m, &sample.normal)).count() as u64
+    };
+    field.viewpoints.iter().map(|viewpoint| count(viewpoint.position_m.into())).sum()
+}

@@ -1,0 +1,71 @@
+//! The daemon as commands see it.
+
+use std::time::Duration;
+
+use overfly_client::{Client, ClientError, Domain, PlanMessage};
+use serde_json::Value;
+
+use super::arguments::OrderArgs;
+use super::failure::Failure;
+use super::outputs::{self, FileNames, Flight};
+use crate::mission::plan_table;
+use crate::mission::run_json::Engine;
+use crate::settings::Settings;
+use crate::trajectory::plan::{Plan, RunTimes};
+
+/// How long a command waits for a daemon that may be starting.
+const CONNECT: Duration = Duration::from_millis(500);
+/// A replan takes as long as its scene takes; beyond this something is wrong.
+pub const REPLAN: Duration = Duration::from_secs(3600);
+
+/// The domain of this name, or of the built-in settings.
+pub fn domain(name: Option<&str>) -> Result<Domain, Failure> {
+    let name = name.map_or_else(|| Settings::default().daemon.domain, str::to_owned);
+    Ok(Domain::new(&name)?)
+}
+
+/// A client of the daemon in the domain of this name.
+pub fn connect(name: Option<&str>) -> Result<Client, Failure> {
+    Ok(Client::connect(&domain(name)?, CONNECT)?)
+}
+
+/// What the command line asks of the daemon.
+pub fn order(order: &OrderArgs) -> overfly_client::PlanOrder {
+    overfly_client::PlanOrder {
+        rig: order.rig.clone(),
+        method: order.method.clone(),
+        seed: order.seed,
+        iterations: order.iterations,
+        start_m: order.start.map(|start| start.0),
+    }
+}
+
+/// The domain plan of a published one.
+pub fn plan_of(message: &PlanMessage) -> Result<(Plan, RunTimes), Failure> {
+    plan_table::from_table(&message.table()).map_err(|error| Failure::Daemon(error.to_string()))
+}
+
+/// Writes the files of a published plan. When the scene has changed since, the field of the plan is gone and the drawing is left out.
+pub fn write(
+    client: &Client,
+    folder: &std::path::Path,
+    names: &FileNames,
+    flight: &Flight,
+) -> Result<(Vec<std::path::PathBuf>, Option<&'static str>), Failure> {
+    let map = client.field(&flight.plan.scene.name)?;
+    let field = map.table();
+    let is_current = field.facts.revision == flight.plan.scene.revision;
+    let remark = "note: the scene has been edited since this plan was made, so there is no drawing of it";
+    let written = outputs::write(folder, names, flight, is_current.then_some(&field))?;
+    Ok((written, (!is_current).then_some(remark)))
+}
+
+/// A plan from the daemon as outputs take it.
+pub fn flight(plan: &Plan, times: RunTimes, edit_to_plan_s: Option<f64>, import: Option<Value>) -> Flight<'_> {
+    Flight { plan, times, engine: Engine::Daemon, edit_to_plan_s, import }
+}
+
+/// Whether the daemon is simply not there.
+pub fn is_absent(failure: &Failure) -> bool {
+    matches!(failure, Failure::Client(ClientError::NoDaemon { .. }))
+}

@@ -1,0 +1,121 @@
+//! `overfly demo`: the whole thing on a generated block, through a daemon and the client library.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use overfly_client::{Client, EditOrder, Loaded, PlanOrder, SceneSource};
+use serde_json::{Value, json};
+
+use super::answer::{self, Answer, Form};
+use super::arguments::DemoArgs;
+use super::failure::Failure;
+use super::outputs::{self, FileNames, Flight};
+use super::private_daemon::PrivateDaemon;
+use super::progress::Meter;
+use super::{daemon, load};
+use crate::scene::{self, BlockSettings, Scene};
+use crate::trajectory::plan::{Plan, RunTimes};
+
+/// How much taller one building becomes.
+const RAISE_M: f64 = 15.0;
+
+pub fn run(arguments: &DemoArgs, form: Form) -> Result<Answer, Failure> {
+    let folder = &arguments.out;
+    fs::create_dir_all(folder).map_err(|cause| Failure::write(folder, cause))?;
+    let scene = scene::generate_block(&BlockSettings { seed: arguments.seed, ..Default::default() });
+    let geojson = scene::to_geojson(&scene);
+    let scene_file = folder.join("scene.geojson");
+    fs::write(&scene_file, &geojson).map_err(|cause| Failure::write(&scene_file, cause))?;
+    form.remark(&format!("a block of {} structures, seed {}", scene.structures.len(), arguments.seed));
+
+    let log_file = folder.join("daemon.log");
+    let log = File::create(&log_file).map_err(|cause| Failure::write(&log_file, cause))?;
+    let mut daemon = PrivateDaemon::start("demo", None, Some(log))?;
+    let client = daemon.connect()?;
+    let show = fly(&client, folder, &scene, geojson, arguments.seed, form)?;
+    daemon.stop(client)?;
+
+    let files = [vec![scene_file, log_file], show.files.clone()].concat();
+    let mut text = answer::table(&side_by_side(&show));
+    text.push_str(&format!("\n\n{} was made {RAISE_M} m taller.", show.raised));
+    for file in &files {
+        text.push_str(&format!("\nwrote {}", file.display()));
+    }
+    Ok(Answer { text, json: to_json(&show, &files) })
+}
+
+/// What the daemon has done.
+struct Show {
+    loaded: Loaded,
+    raised: String,
+    plan: (Plan, RunTimes),
+    replan: (Plan, RunTimes),
+    edit_to_plan_s: f64,
+    files: Vec<PathBuf>,
+}
+
+fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64, form: Form) -> Result<Show, Failure> {
+    let mut meter = Meter::new(form);
+    let source = SceneSource::Bytes { file_name: format!("{}.geojson", scene.name), bytes: geojson.into_bytes() };
+    let loaded = client.load(source, None, &mut |note| meter.note(note))?;
+    let order = PlanOrder { rig: "panoramic".into(), method: "paper".into(), seed, iterations: None, start_m: None };
+    let message = client.plan(&loaded.scene, &order, &mut |note| meter.note(note))?;
+    let (plan, times) = daemon::plan_of(&message)?;
+    let flight = daemon::flight(&plan, times, None, load::import_report(&loaded));
+    let mut files = daemon::write(client, folder, &FileNames::of_plan(), &flight)?.0;
+
+    let raised = building_to_raise(client, &loaded.scene)?;
+    let edit_started = Instant::now();
+    let edited = client.edit(&loaded.scene, &EditOrder::Raise { structure: raised.clone(), by_m: RAISE_M })?;
+    let message = client.await_replan(&edited, daemon::REPLAN, &mut |note| meter.note(note))?;
+    let edit_to_plan_s = edit_started.elapsed().as_secs_f64();
+    drop(meter);
+    let (replan, replan_times) = daemon::plan_of(&message)?;
+    let flight = daemon::flight(&replan, replan_times, Some(edit_to_plan_s), None);
+    files.extend(daemon::write(client, folder, &FileNames::with_stem("replan"), &flight)?.0);
+    Ok(Show { loaded, raised, plan: (plan, times), replan: (replan, replan_times), edit_to_plan_s, files })
+}
+
+/// The structure of median height: raising it changes what its neighbours' walls can be seen from.
+fn building_to_raise(client: &Client, scene: &str) -> Result<String, Failure> {
+    let mut structures = client.structures(scene)?;
+    structures.sort_by(|a, b| a.top_m.total_cmp(&b.top_m).then(a.id.cmp(&b.id)));
+    let median = structures.get(structures.len() / 2);
+    median.map(|structure| structure.name.clone()).ok_or_else(|| Failure::Unexpected("the block is empty".to_owned()))
+}
+
+fn side_by_side(show: &Show) -> Vec<Vec<String>> {
+    let (plan, replan) = (&show.plan, &show.replan);
+    let mut rows = vec![vec![String::new(), "plan".to_owned(), "replan".to_owned()]];
+    let mut row = |label: &str, value: fn(&Plan, &RunTimes) -> String| {
+        rows.push(vec![label.to_owned(), value(&plan.0, &plan.1), value(&replan.0, &replan.1)]);
+    };
+    row("search and check, s", |_, times| format!("{:.3}", times.search_s + times.check_s));
+    row("captured of capturable, %", |plan, _| format!("{:.1}", plan.metrics.coverage_percent));
+    row("captured of exposed, %", |plan, _| format!("{:.1}", plan.metrics.coverage_exposed_percent));
+    row("capturable (ceiling), %", |plan, _| format!("{:.1}", plan.metrics.capturable_percent));
+    row("length, m", |plan, _| format!("{:.0}", plan.metrics.length_m));
+    row("waypoints", |plan, _| plan.waypoints.len().to_string());
+    row("movement, s", |plan, _| format!("{:.1}", plan.metrics.movement_s));
+    row("turning, s", |plan, _| format!("{:.1}", plan.metrics.turning_s));
+    let field = vec!["field, s".to_owned(), format!("{:.3}", show.loaded.field_s), format!("{:.3}", replan.1.field_s)];
+    rows.insert(1, field);
+    rows.insert(3, vec!["edit to safe plan, s".to_owned(), "-".to_owned(), format!("{:.3}", show.edit_to_plan_s)]);
+    rows
+}
+
+fn to_json(show: &Show, files: &[PathBuf]) -> Value {
+    let one = |(plan, times): &(Plan, RunTimes), edit_to_plan_s| {
+        let flight: Flight = daemon::flight(plan, *times, edit_to_plan_s, None);
+        outputs::figures_json(&flight, &[])
+    };
+    json!({
+        "load": load::to_json(&show.loaded),
+        "plan": one(&show.plan, None),
+        "raised": show.raised,
+        "raised_by_m": RAISE_M,
+        "replan": one(&show.replan, Some(show.edit_to_plan_s)),
+        "files": files.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+    })
+}

@@ -1,0 +1,70 @@
+//! `overfly edit`: one change of one structure, and the plan that follows from it.
+
+use std::time::Instant;
+
+use overfly_client::{Client, EditOrder, Edited};
+use serde_json::json;
+
+use super::answer::{Answer, Form};
+use super::arguments::{Change, EditArgs};
+use super::failure::Failure;
+use super::outputs::FileNames;
+use super::progress::Meter;
+use super::{daemon, plan};
+
+pub fn run(arguments: &EditArgs, form: Form) -> Result<Answer, Failure> {
+    let order = order(&arguments.change)?;
+    let client = daemon::connect(arguments.domain.as_deref())?;
+    let started = Instant::now();
+    let edited = client.edit(&arguments.scene, &order)?;
+    if arguments.no_wait || !edited.replan_follows {
+        return Ok(edited_only(&edited));
+    }
+    receive(&client, arguments, &edited, started, form)
+}
+
+fn receive(client: &Client, arguments: &EditArgs, edited: &Edited, started: Instant, form: Form) -> Result<Answer, Failure> {
+    let mut meter = Meter::new(form);
+    let message = client.await_replan(edited, daemon::REPLAN, &mut |note| meter.note(note))?;
+    let edit_to_plan_s = started.elapsed().as_secs_f64();
+    drop(meter);
+    let (plan, times) = daemon::plan_of(&message)?;
+    let flight = daemon::flight(&plan, times, Some(edit_to_plan_s), None);
+    let mut files = Vec::new();
+    if let Some(folder) = &arguments.out {
+        let (written, remark) = daemon::write(client, folder, &FileNames::of_plan(), &flight)?;
+        files = written;
+        remark.into_iter().for_each(|remark| form.remark(remark));
+    }
+    Ok(plan::answer(&flight, &files, form))
+}
+
+fn edited_only(edited: &Edited) -> Answer {
+    let follows = match edited.replan_follows {
+        true => "a new plan follows: `overfly watch` shows it".to_owned(),
+        false => format!("it has not been planned yet: `overfly plan {}` does it", edited.scene),
+    };
+    Answer {
+        text: format!("{} is at revision {}; {follows}", edited.scene, edited.revision),
+        json: json!({ "scene": edited.scene, "revision": edited.revision, "replan_follows": edited.replan_follows }),
+    }
+}
+
+fn order(change: &Change) -> Result<EditOrder, Failure> {
+    Ok(match change.clone() {
+        Change::Raise { id, by } => EditOrder::Raise { structure: id, by_m: positive("--by", by)? },
+        Change::Lower { id, by } => EditOrder::Lower { structure: id, by_m: positive("--by", by)? },
+        Change::Remove { id } => EditOrder::Remove { structure: id },
+        Change::Add { name, outline, height, base } => {
+            EditOrder::Add { name, outline_m: outline.0, base_m: base, top_m: base + positive("--height", height)? }
+        }
+        Change::Move { id, by } => EditOrder::Move { structure: id, by_m: by.0 },
+    })
+}
+
+fn positive(option: &str, metres: f64) -> Result<f64, Failure> {
+    if metres.is_finite() && metres > 0.0 {
+        return Ok(metres);
+    }
+    Err(Failure::Usage(format!("{option} is {metres}; give a length above 0 m, and choose `raise` or `lower` for the direction")))
+}

@@ -1,0 +1,106 @@
+//! Why a command ends without its result: kind, exit code and one message that names what, where and the next step.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use overfly_client::{ClientError, DomainError, RefusalCode};
+use serde_json::json;
+
+use crate::daemon::{ConfigurationError, DaemonError};
+use crate::mission::svg::SvgError;
+use crate::planner::PlanError;
+use crate::scene::ImportError;
+use crate::session::FieldError;
+use crate::settings::SettingsError;
+
+/// The kinds of failure; the number is the exit code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Unexpected = 1,
+    Usage = 2,
+    InputFile = 3,
+    NoDaemon = 4,
+    Refused = 5,
+    NoPlan = 6,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    #[error("{0}")]
+    Usage(String),
+    #[error("cannot read {path:?}: {cause}; {remedy}")]
+    Read { path: PathBuf, cause: io::Error, remedy: &'static str },
+    #[error("{}; `config/default.toml` lists every key with its unit", .0.to_string().trim_end())]
+    Configuration(#[from] ConfigurationError),
+    #[error("the settings cannot be used: {0}; `config/default.toml` lists every key with its unit")]
+    Settings(#[from] SettingsError),
+    #[error(transparent)]
+    Import(#[from] ImportError),
+    #[error("cannot write {path:?}: {cause}; give another place with `--out`")]
+    Write { path: PathBuf, cause: io::Error },
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    #[error("there is no file {scene:?}, and as the name of a loaded scene it needs a daemon: {cause}")]
+    NoSuchScene { scene: String, cause: String },
+    #[error(transparent)]
+    Field(#[from] FieldError),
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    #[error(transparent)]
+    Drawing(#[from] SvgError),
+    #[error("{0}")]
+    Daemon(String),
+    #[error(transparent)]
+    Serve(#[from] DaemonError),
+    #[error("{0}")]
+    Unexpected(String),
+}
+
+impl Failure {
+    pub fn kind(&self) -> Kind {
+        match self {
+            Failure::Usage(_) | Failure::Domain(_) => Kind::Usage,
+            Failure::Read { .. } | Failure::Configuration(_) | Failure::Settings(_) | Failure::Import(_) => Kind::InputFile,
+            Failure::Client(error) => client_kind(error),
+            Failure::Field(_) | Failure::Plan(_) => Kind::NoPlan,
+            Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,
+            Failure::Write { .. } | Failure::Drawing(_) | Failure::Unexpected(_) => Kind::Unexpected,
+        }
+    }
+
+    pub fn to_json(&self) -> serde_json::Value {
+        json!({ "error": { "kind": self.kind().name(), "message": self.to_string() } })
+    }
+
+    pub fn write(path: &Path, cause: io::Error) -> Self {
+        Failure::Write { path: path.to_owned(), cause }
+    }
+}
+
+impl Kind {
+    /// The word for this kind in the JSON of an error.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Unexpected => "unexpected",
+            Kind::Usage => "usage",
+            Kind::InputFile => "input_file",
+            Kind::NoDaemon => "no_daemon",
+            Kind::Refused => "refused",
+            Kind::NoPlan => "no_plan",
+        }
+    }
+}
+
+/// What a daemon refuses for the reason for which the in-process planner would fail is of the same kind.
+fn client_kind(error: &ClientError) -> Kind {
+    match error {
+        ClientError::Refused { code: RefusalCode::Import | RefusalCode::Configuration, .. } => Kind::InputFile,
+        ClientError::Refused { code: RefusalCode::Field | RefusalCode::Plan, .. } => Kind::NoPlan,
+        ClientError::Refused { .. } => Kind::Refused,
+        ClientError::Path { .. } => Kind::InputFile,
+        ClientError::Domain(_) => Kind::Usage,
+        _ => Kind::NoDaemon,
+    }
+}

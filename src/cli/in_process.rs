@@ -1,0 +1,84 @@
+//! The engine without a daemon: from a scene file to a plan in this process, with the times of its steps.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use nalgebra::Point3;
+
+use super::arguments::OrderArgs;
+use super::failure::Failure;
+use super::progress::Meter;
+use crate::planner::{self, PlanOptions, StopToken};
+use crate::scene::{self, ImportReport, Scene};
+use crate::session::{Session, Snapshot};
+use crate::settings::Settings;
+use crate::trajectory::plan::{Plan, RunTimes};
+
+/// What planning a file gives.
+pub struct Planned {
+    pub plan: Plan,
+    pub times: RunTimes,
+    pub snapshot: Snapshot,
+    pub report: ImportReport,
+}
+
+/// Reads a scene file.
+pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportReport), Failure> {
+    let bytes = read_bytes(path)?;
+    Ok(scene::read(&path.to_string_lossy(), &bytes, &settings.proxy)?)
+}
+
+/// The bytes of a scene file.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
+    let remedy = "give a GeoJSON, CityJSON or OBJ file that you may read";
+    std::fs::read(path).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })
+}
+
+/// Plans a flight over a scene file.
+pub fn plan_file(path: &Path, settings: Settings, order: &OrderArgs, meter: &mut Meter) -> Result<Planned, Failure> {
+    let started = Instant::now();
+    let stop = StopToken::default();
+    let settings = Arc::new(settings);
+    meter.stage("reading the scene");
+    let (scene, report) = read_scene(path, &settings)?;
+
+    let field_started = Instant::now();
+    let snapshot = build_field(scene, &settings, &stop, meter)?;
+    let field_s = field_started.elapsed().as_secs_f64();
+
+    // The search ends with its last word of progress; what follows is the exact evaluation and the safety check.
+    let search_started = Instant::now();
+    let mut search_ended = search_started;
+    let plan = planner::plan(&snapshot, &settings, &options(order), &stop, &mut |progress| {
+        search_ended = Instant::now();
+        meter.search(progress);
+    })?;
+    let times = RunTimes {
+        field_s,
+        search_s: (search_ended - search_started).as_secs_f64(),
+        check_s: search_ended.elapsed().as_secs_f64(),
+        total_s: started.elapsed().as_secs_f64(),
+        threads: rayon::current_num_threads() as u32,
+    };
+    Ok(Planned { plan, times, snapshot, report })
+}
+
+/// Samples a scene and builds its field.
+pub fn build_field(scene: Scene, settings: &Arc<Settings>, stop: &StopToken, meter: &mut Meter) -> Result<Snapshot, Failure> {
+    meter.stage("sampling the surface");
+    let survey = Session::new(scene, Arc::clone(settings), stop)?.survey(stop)?;
+    meter.stage("casting the rays of the field");
+    Ok(survey.into_snapshot(stop)?)
+}
+
+/// What the command line asks of the planner.
+pub fn options(order: &OrderArgs) -> PlanOptions {
+    PlanOptions {
+        rig: order.rig.clone(),
+        method: order.method.clone(),
+        seed: order.seed,
+        iterations: order.iterations,
+        start_m: order.start.map(|start| Point3::from(start.0)),
+    }
+}

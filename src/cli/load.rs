@@ -1,0 +1,66 @@
+//! `overfly load`: a scene file for the daemon.
+
+use overfly_client::{Loaded, SceneSource};
+use serde_json::{Value, json};
+
+use super::answer::{self, Answer, Form};
+use super::arguments::LoadArgs;
+use super::failure::Failure;
+use super::progress::Meter;
+use super::{daemon, in_process};
+
+pub fn run(arguments: &LoadArgs, form: Form) -> Result<Answer, Failure> {
+    // Reading it here first tells a wrong path from a daemon that may not read it.
+    in_process::read_bytes(&arguments.file)?;
+    let client = daemon::connect(arguments.reach.domain.as_deref())?;
+    let mut meter = Meter::new(form);
+    let source = SceneSource::Path(arguments.file.clone());
+    let loaded = client.load(source, arguments.name.as_deref(), &mut |note| meter.note(note))?;
+    drop(meter);
+    Ok(answer(&loaded))
+}
+
+fn answer(loaded: &Loaded) -> Answer {
+    let row = |label: &str, value: String| vec![label.to_owned(), value];
+    let rows = [
+        row("scene", loaded.scene.clone()),
+        row("revision", loaded.revision.to_string()),
+        row("structures", loaded.structures.to_string()),
+        row("samples", loaded.samples.to_string()),
+        row("exposed samples", loaded.exposed.to_string()),
+        row("viewpoints", loaded.viewpoints.to_string()),
+        row("capturable, %", format!("{:.1}", loaded.capturable_percent)),
+        row("field, MB", format!("{:.1}", loaded.field_bytes as f64 / 1e6)),
+        row("reading, s", format!("{:.3}", loaded.read_s)),
+        row("field, s", format!("{:.3}", loaded.field_s)),
+        row("all, s", format!("{:.3}", loaded.load_s)),
+    ];
+    let mut text = answer::table(&rows);
+    for line in &loaded.report_lines {
+        text.push_str(&format!("\nscene: {line}"));
+    }
+    Answer { text, json: to_json(loaded) }
+}
+
+/// What loading gives, as scripts read it.
+pub fn to_json(loaded: &Loaded) -> Value {
+    json!({
+        "scene": loaded.scene,
+        "revision": loaded.revision,
+        "structures": loaded.structures,
+        "samples": loaded.samples,
+        "exposed": loaded.exposed,
+        "viewpoints": loaded.viewpoints,
+        "capturable_percent": loaded.capturable_percent,
+        "field_bytes": loaded.field_bytes,
+        "read_s": loaded.read_s,
+        "field_s": loaded.field_s,
+        "load_s": loaded.load_s,
+        "import": import_report(loaded),
+    })
+}
+
+/// The import report that the daemon sent along.
+pub fn import_report(loaded: &Loaded) -> Option<Value> {
+    serde_json::from_str(&loaded.report_json).ok()
+}

@@ -1,0 +1,141 @@
+//! The files of a plan, and its figures for the terminal.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use overfly_table::FieldTable;
+use serde_json::{Value, json};
+
+use super::failure::Failure;
+use super::machine::this_machine;
+use crate::mission::run_json::{self, Engine, Run};
+use crate::mission::{plan_json, svg};
+use crate::trajectory::plan::{Plan, RunTimes};
+
+/// A plan with all that its files need.
+pub struct Flight<'a> {
+    pub plan: &'a Plan,
+    pub times: RunTimes,
+    pub engine: Engine,
+    /// From the user's edit to the plan, s.
+    pub edit_to_plan_s: Option<f64>,
+    pub import: Option<Value>,
+}
+
+/// How the files of one plan are called.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FileNames {
+    pub plan: String,
+    pub drawing: String,
+    pub run: String,
+}
+
+impl FileNames {
+    /// `plan.json`, `plan.svg`, `run.json`: what scripts look for.
+    pub fn of_plan() -> Self {
+        Self { plan: "plan.json".to_owned(), drawing: "plan.svg".to_owned(), run: "run.json".to_owned() }
+    }
+
+    /// The names for one of several plans in a folder: `replan.json`, `replan.svg`, `replan-run.json`.
+    pub fn with_stem(stem: &str) -> Self {
+        Self { plan: format!("{stem}.json"), drawing: format!("{stem}.svg"), run: format!("{stem}-run.json") }
+    }
+}
+
+/// Writes the files of a plan into `folder`, which is created; returns their paths. Without the field of the plan's revision there
+/// is no drawing.
+pub fn write(folder: &Path, names: &FileNames, flight: &Flight, field: Option<&FieldTable>) -> Result<Vec<PathBuf>, Failure> {
+    fs::create_dir_all(folder).map_err(|cause| Failure::write(folder, cause))?;
+    let run = Run {
+        engine: flight.engine,
+        machine: this_machine(),
+        times: flight.times,
+        edit_to_plan_s: flight.edit_to_plan_s,
+        import: flight.import.clone(),
+    };
+    let mut written = Vec::new();
+    let mut put = |name: &str, bytes: Vec<u8>| {
+        let path = folder.join(name);
+        fs::write(&path, bytes).map_err(|cause| Failure::write(&path, cause))?;
+        written.push(path);
+        Ok::<(), Failure>(())
+    };
+    put(&names.plan, plan_json::to_bytes(flight.plan))?;
+    if let Some(field) = field {
+        put(&names.drawing, svg::to_bytes(field, flight.plan)?)?;
+    }
+    put(&names.run, run_json::to_bytes(flight.plan, &run))?;
+    Ok(written)
+}
+
+/// Rows of a table: label, then one cell.
+pub fn figures(plan: &Plan, times: &RunTimes) -> Vec<Vec<String>> {
+    let metrics = &plan.metrics;
+    let row = |label: &str, value: String| vec![label.to_owned(), value];
+    vec![
+        row("captured of capturable, %", format!("{:.1}", metrics.coverage_percent)),
+        row("captured of exposed, %", format!("{:.1}", metrics.coverage_exposed_percent)),
+        row("capturable (ceiling), %", format!("{:.1}", metrics.capturable_percent)),
+        row("length, m", format!("{:.0}", metrics.length_m)),
+        row("waypoints", plan.waypoints.len().to_string()),
+        row("images", plan.images.len().to_string()),
+        row("movement, s", format!("{:.1}", metrics.movement_s)),
+        row("turning, s", format!("{:.1}", metrics.turning_s)),
+        row("flight, s", format!("{:.1}", metrics.flight_s)),
+        row("least clearance, m", format!("{:.2}", plan.clearance_m)),
+        row("iterations", plan.convergence.len().to_string()),
+        row("field, s", format!("{:.3}", times.field_s)),
+        row("search, s", format!("{:.3}", times.search_s)),
+        row("check, s", format!("{:.3}", times.check_s)),
+        row("total, s", format!("{:.3}", times.total_s)),
+    ]
+}
+
+/// The same for scripts.
+pub fn figures_json(flight: &Flight, files: &[PathBuf]) -> Value {
+    let Flight { plan, times, .. } = flight;
+    let metrics = &plan.metrics;
+    json!({
+        "scene": plan.scene.name,
+        "revision": plan.scene.revision,
+        "engine": flight.engine,
+        "seed": plan.seed,
+        "rig": plan.rig,
+        "method": plan.method,
+        "stop": run_json::stop_name(plan.stop),
+        "goal_percent": plan.goal_percent,
+        "goal_reached": is_goal_reached(plan),
+        "coverage_percent": metrics.coverage_percent,
+        "coverage_exposed_percent": metrics.coverage_exposed_percent,
+        "capturable_percent": metrics.capturable_percent,
+        "length_m": metrics.length_m,
+        "waypoints": plan.waypoints.len(),
+        "images": plan.images.len(),
+        "movement_s": metrics.movement_s,
+        "turning_s": metrics.turning_s,
+        "flight_s": metrics.flight_s,
+        "clearance_m": plan.clearance_m,
+        "iterations": plan.convergence.len(),
+        "field_s": times.field_s,
+        "search_s": times.search_s,
+        "check_s": times.check_s,
+        "total_s": times.total_s,
+        "edit_to_plan_s": flight.edit_to_plan_s,
+        "files": files.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+    })
+}
+
+/// A remark when the plan stays below its goal, with the next step.
+pub fn shortfall(plan: &Plan) -> Option<String> {
+    let wanted = 4 * plan.convergence.len().max(100);
+    (!is_goal_reached(plan)).then(|| {
+        format!(
+            "note: the plan captures {:.1} % of the capturable samples, the goal is {:.1} %; more iterations may reach it: `--iterations {wanted}`",
+            plan.metrics.coverage_percent, plan.goal_percent
+        )
+    })
+}
+
+fn is_goal_reached(plan: &Plan) -> bool {
+    plan.metrics.coverage_percent > plan.goal_percent
+}

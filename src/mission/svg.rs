@@ -1,0 +1,69 @@
+//! `plan.svg`: the plan on one sheet. A view from above and one from the south, to one scale; buildings by height, walls by the share of
+//! their samples that the plan captures, the path by time.
+
+mod charts;
+mod colour;
+mod flight;
+mod heading;
+mod legend;
+mod pen;
+mod sheet;
+mod side_view;
+mod top_view;
+pub mod walls;
+
+use overfly_table::FieldTable;
+use svg::Document;
+
+use self::pen::Anchor;
+use self::sheet::{MARGIN, Sheet, WIDTH};
+use crate::trajectory::plan::Plan;
+
+/// Why a plan cannot be drawn on a field.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SvgError {
+    #[error(
+        "the plan was made on another field (revision {plan_revision}, {plan_samples} samples) than the one to draw \
+         (revision {field_revision}, {field_samples} samples); fetch both again"
+    )]
+    OtherField { plan_revision: u64, plan_samples: usize, field_revision: u64, field_samples: usize },
+}
+
+/// The file's content. `field` is the field of the plan's scene revision: outlines, samples and what can be captured come from it.
+pub fn to_bytes(field: &FieldTable, plan: &Plan) -> Result<Vec<u8>, SvgError> {
+    if plan.cells.len() != field.samples.len() || plan.scene.revision != field.facts.revision {
+        return Err(SvgError::OtherField {
+            plan_revision: plan.scene.revision,
+            plan_samples: plan.cells.len(),
+            field_revision: field.facts.revision,
+            field_samples: field.samples.len(),
+        });
+    }
+    let sheet = Sheet::of(field, plan);
+    let tallies = walls::tally(field, &plan.cells);
+    let path = flight::timed_path(plan);
+    let document = Document::new()
+        .set("viewBox", (0, 0, WIDTH as u32, sheet.height.ceil() as u32))
+        .set("width", WIDTH)
+        .set("height", sheet.height.ceil())
+        .set("font-family", pen::FONT)
+        .add(legend::gradients())
+        .add(pen::rectangle([0.0, 0.0], [WIDTH, sheet.height.ceil()], colour::PAPER))
+        .add(heading::draw(plan))
+        .add(top_view::draw(&sheet, field, &tallies, plan, &path))
+        .add(legend::scale_bar(&sheet))
+        .add(side_view::draw(&sheet, field, plan, &path))
+        .add(legend::draw(&sheet, field, plan))
+        .add(footer(&sheet, plan));
+    Ok(format!("{document}\n").into_bytes())
+}
+
+/// What the coordinates mean.
+fn footer(sheet: &Sheet, plan: &Plan) -> svg::node::element::Text {
+    let frame = match plan.scene.origin {
+        Some(origin) => format!("Metres east and north of {:.6}° N, {:.6}° E (WGS84).", origin.lat_deg, origin.lon_deg),
+        None => "Metres east and north in the scene's own frame.".to_owned(),
+    };
+    let meaning = "A sample is captured when the images see enough of the hemisphere over it, by exact rays.";
+    pen::quiet_text([MARGIN, sheet.height - 28.0], 12.0, Anchor::Start, &format!("{frame} {meaning}"))
+}

@@ -1,0 +1,89 @@
+//! Colour ramps. Each runs monotonically in lightness, so that it survives grey printing and every kind of colour blindness.
+
+/// A ramp by its stops, dark or light first, as sRGB bytes at equal steps.
+pub struct Ramp(&'static [[u8; 3]]);
+
+/// Time along the flight: violet over magenta to amber. The stops follow the perceptually uniform ramp "plasma" without its palest end,
+/// which would vanish on white.
+pub const TIME: Ramp = Ramp(&[
+    [0x3b, 0x04, 0x9a],
+    [0x6a, 0x00, 0xa8],
+    [0x98, 0x18, 0x9e],
+    [0xbf, 0x39, 0x84],
+    [0xdc, 0x5d, 0x68],
+    [0xf2, 0x83, 0x4c],
+    [0xfc, 0xb0, 0x31],
+]);
+
+/// Height of a building: warm light grey to mid grey, pale enough for everything that is drawn on it.
+pub const HEIGHT: Ramp = Ramp(&[[0xf0, 0xee, 0xea], [0xd8, 0xd6, 0xd3], [0xbd, 0xbc, 0xbb], [0x9f, 0xa0, 0xa2]]);
+
+/// Captured share of a wall: white (hollow, nothing captured) to deep teal (full).
+pub const SHARE: Ramp = Ramp(&[
+    [0xff, 0xff, 0xff],
+    [0xc9, 0xea, 0xe2],
+    [0x85, 0xcb, 0xbf],
+    [0x3c, 0xa2, 0x98],
+    [0x0f, 0x76, 0x71],
+    [0x00, 0x4d, 0x4c],
+]);
+
+pub const INK: &str = "#16191d";
+pub const QUIET_INK: &str = "#5f656d";
+pub const HAIRLINE: &str = "#d9dbde";
+pub const GRID: &str = "#ecedef";
+pub const PAPER: &str = "#ffffff";
+pub const GROUND: &str = "#fbfbfa";
+pub const OUTLINE: &str = "#74777c";
+pub const WALL_CASING: &str = "#33373c";
+/// What no admissible view can capture.
+pub const BEYOND_REACH: &str = "#c8442b";
+
+impl Ramp {
+    /// The colour at `share` of the ramp, 0 to 1; values outside are clamped.
+    pub fn at(&self, share: f64) -> String {
+        let Self(stops) = self;
+        let position = share.clamp(0.0, 1.0) * (stops.len() - 1) as f64;
+        let below = (position as usize).min(stops.len() - 2);
+        let weight = position - below as f64;
+        let [red, green, blue] = [0, 1, 2].map(|channel| {
+            let (from, to) = (f64::from(stops[below][channel]), f64::from(stops[below + 1][channel]));
+            (from + (to - from) * weight).round() as u8
+        });
+        format!("#{red:02x}{green:02x}{blue:02x}")
+    }
+
+    /// The stops as `(offset, colour)`, for a gradient in a legend.
+    pub fn stops(&self) -> impl Iterator<Item = (f64, String)> + '_ {
+        let last = (self.0.len() - 1) as f64;
+        (0..self.0.len()).map(move |index| (index as f64 / last, self.at(index as f64 / last)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lightness(colour: &str) -> f64 {
+        let channel = |range| f64::from(u8::from_str_radix(&colour[range], 16).unwrap());
+        0.2126 * channel(1..3) + 0.7152 * channel(3..5) + 0.0722 * channel(5..7)
+    }
+
+    #[test]
+    fn every_ramp_changes_lightness_in_one_direction() {
+        for ramp in [TIME, HEIGHT, SHARE] {
+            let steps: Vec<f64> = (0..=50).map(|step| lightness(&ramp.at(f64::from(step) / 50.0))).collect();
+            let rising = steps[50] > steps[0];
+            for pair in steps.windows(2) {
+                assert!((pair[1] - pair[0]).abs() < 1e-9 || (pair[1] > pair[0]) == rising, "{steps:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn shares_outside_of_the_ramp_take_its_ends() {
+        assert_eq!(SHARE.at(-3.0), "#ffffff");
+        assert_eq!(SHARE.at(7.0), "#004d4c");
+        assert_eq!(SHARE.at(f64::NAN).len(), 7);
+    }
+}

@@ -1,0 +1,109 @@
+//! Title and key figures, across the top of the sheet.
+
+use svg::node::element::Group;
+
+use super::colour;
+use super::pen::{self, Anchor};
+use super::sheet::{MARGIN, WIDTH};
+use crate::trajectory::plan::{Plan, StopReason};
+
+/// Draws title, subtitle and the row of key figures.
+pub fn draw(plan: &Plan) -> Group {
+    let subtitle = format!(
+        "revision {} · rig {} · method {} · seed {} · {}",
+        plan.scene.revision,
+        plan.rig,
+        plan.method,
+        plan.seed,
+        ending(plan)
+    );
+    let mut group = pen::group("heading")
+        .add(pen::text([MARGIN, 74.0], 30.0, Anchor::Start, &shortened(&plan.scene.name)).set("font-weight", 700))
+        .add(pen::quiet_text([MARGIN, 100.0], 15.0, Anchor::Start, &subtitle))
+        .add(pen::line([MARGIN, 122.0], [WIDTH - MARGIN, 122.0], colour::HAIRLINE, 1.0));
+    let figures = key_figures(plan);
+    let step = (WIDTH - 2.0 * MARGIN) / figures.len() as f64;
+    for (index, figure) in figures.iter().enumerate() {
+        let left = MARGIN + index as f64 * step;
+        group = group
+            .add(pen::quiet_text([left, 146.0], 12.0, Anchor::Start, figure.label))
+            .add(pen::text([left, 175.0], 25.0, Anchor::Start, &figure.value).set("font-weight", 600))
+            .add(pen::quiet_text([left, 195.0], 12.0, Anchor::Start, &figure.remark));
+    }
+    group
+}
+
+/// Minutes and seconds, rounded to the second.
+pub fn minutes(time_s: f64) -> String {
+    let seconds = time_s.max(0.0).round() as u64;
+    format!("{}:{:02}", seconds / 60, seconds % 60)
+}
+
+struct Figure {
+    label: &'static str,
+    value: String,
+    remark: String,
+}
+
+fn key_figures(plan: &Plan) -> Vec<Figure> {
+    let metrics = &plan.metrics;
+    let figure = |label, value, remark| Figure { label, value, remark };
+    vec![
+        figure("Captured of capturable", percent(metrics.coverage_percent), format!("goal {}", percent(plan.goal_percent))),
+        figure(
+            "Captured of exposed",
+            percent(metrics.coverage_exposed_percent),
+            format!("ceiling {}", percent(metrics.capturable_percent)),
+        ),
+        figure("Length", format!("{:.0} m", metrics.length_m), String::new()),
+        figure("Flight time, min:s", minutes(metrics.flight_s), format!("{} turning", minutes(metrics.turning_s))),
+        figure("Waypoints", plan.waypoints.len().to_string(), String::new()),
+        figure("Images", plan.images.len().to_string(), image_spacing(plan)),
+        figure("Least clearance", format!("{:.1} m", plan.clearance_m), "over the whole curve".to_owned()),
+    ]
+}
+
+fn image_spacing(plan: &Plan) -> String {
+    let images = plan.images.len() as f64;
+    if images < 2.0 { String::new() } else { format!("every {:.1} m", plan.metrics.length_m / images) }
+}
+
+fn percent(value: f64) -> String {
+    format!("{value:.1} %")
+}
+
+fn ending(plan: &Plan) -> String {
+    let iterations = plan.convergence.len();
+    match plan.stop {
+        StopReason::GoalReached => format!("goal reached after {iterations} iterations"),
+        StopReason::IterationsUsed => format!("all {iterations} iterations used"),
+        StopReason::Cancelled => format!("stopped after {iterations} iterations"),
+    }
+}
+
+/// A name that fits on the sheet.
+fn shortened(name: &str) -> String {
+    const LONGEST: usize = 60;
+    if name.chars().count() <= LONGEST {
+        return name.to_owned();
+    }
+    let head: String = name.chars().take(LONGEST - 1).collect();
+    format!("{head}…")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_is_rounded_before_it_is_split() {
+        assert_eq!(minutes(59.6), "1:00");
+        assert_eq!(minutes(0.0), "0:00");
+        assert_eq!(minutes(3725.0), "62:05");
+    }
+
+    #[test]
+    fn a_long_name_is_cut_between_characters() {
+        assert_eq!(shortened(&"é".repeat(80)).chars().count(), 60);
+    }
+}

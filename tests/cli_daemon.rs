@@ -1,0 +1,185 @@
+//! Commands against a daemon of their own, and the demo that starts one.
+
+mod program;
+
+use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
+use std::process::Stdio;
+
+use overfly_client::Domain;
+use program::Place;
+use serde_json::Value;
+
+#[test]
+fn the_daemon_and_the_process_itself_write_the_same_plan() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    place.json(&["load", &scene]);
+    let order = ["--seed", "7", "--iterations", "60"];
+    let by_daemon = place.json(&[&["plan", "town", "--out", "daemon"], order.as_slice()].concat());
+    let in_process = place.json(&[&["plan", &scene, "--out", "process"], order.as_slice()].concat());
+    assert_eq!((&by_daemon["engine"], &in_process["engine"]), (&"daemon".into(), &"in_process".into()));
+    assert_eq!(place.read("daemon/plan.json"), place.read("process/plan.json"));
+    assert_eq!(place.read("daemon/plan.svg"), place.read("process/plan.svg"));
+}
+
+#[test]
+fn a_scene_is_loaded_listed_edited_and_replanned() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&["--domain", "other"]);
+    let at = ["--domain", "other"];
+    let json = |words: &[&str]| place.json(&[words, at.as_slice()].concat());
+
+    assert_eq!(json(&["load", &scene, "--name", "harbour"])["scene"], "harbour");
+    let structures = json(&["status", "harbour"]);
+    let names: Vec<&str> = structures["structures"].as_array().unwrap().iter().map(|row| row["name"].as_str().unwrap()).collect();
+    assert_eq!((names.len(), names.contains(&"tower")), (4, true), "{names:?}");
+    let id = structures["structures"][0]["id"].as_str().unwrap().to_owned();
+
+    assert_eq!(json(&["edit", "harbour", "lower", "tower", "--by", "2"])["replan_follows"], false);
+    json(&["plan", "harbour", "--iterations", "40"]);
+    let replan = json(&["edit", "harbour", "raise", &id, "--by", "15", "--out", "replan"]);
+    assert_eq!(
+        (&replan["revision"], place.files("replan")),
+        (&3.into(), vec!["plan.json".into(), "plan.svg".into(), "run.json".into()])
+    );
+    let run: Value = serde_json::from_slice(&place.read("replan/run.json")).unwrap();
+    assert!(run["times"]["edit_to_plan_s"].as_f64().unwrap() > 0.0);
+
+    json(&["edit", "harbour", "add", "--name", "crane", "--outline", "70,0 78,0 78,8 70,8", "--height", "20", "--no-wait"]);
+    json(&["edit", "harbour", "move", "crane", "--by", "-1,2.5"]);
+    let last = json(&["edit", "harbour", "remove", "crane"]);
+    assert_eq!(last["revision"], 6);
+    let status = json(&["status"]);
+    assert_eq!((&status["domain"], &status["scenes"][0]["revision"]), (&"other".into(), &6.into()));
+}
+
+#[test]
+fn a_configuration_is_read_again_on_request() {
+    let place = Place::new();
+    let scene = place.scene();
+    std::fs::write(place.path("aircraft.toml"), "[surface]\nsamples = 100\n").unwrap();
+    let _daemon = place.serve(&["--config", "aircraft.toml"]);
+    let coarse = place.json(&["load", &scene])["samples"].as_u64().unwrap();
+    std::fs::write(place.path("aircraft.toml"), "[surface]\nsamples = 800\n").unwrap();
+    assert_eq!(place.json(&["reload"])["reloaded"], true);
+    let fine = place.json(&["load", &scene])["samples"].as_u64().unwrap();
+    assert!(fine > 4 * coarse, "{coarse}, then {fine}");
+
+    std::fs::write(place.path("aircraft.toml"), "[surface]\nsamples = \"many\"\n").unwrap();
+    let message = place.fails(3, "input_file", &["reload"]);
+    assert!(message.contains("aircraft.toml"), "{message}");
+}
+
+#[test]
+fn a_watcher_receives_each_plan_on_a_line_of_its_own() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    place.json(&["load", &scene]);
+    let mut watcher =
+        place.command(&["watch", "town", "--count", "2", "--out", "seen", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(watcher.stdout.take().unwrap()).lines();
+    // A watcher sees what is published after it has come; plan until it reports the first one.
+    let first = std::thread::scope(|scope| {
+        let first = scope.spawn(|| lines.next().unwrap().unwrap());
+        while !first.is_finished() {
+            place.json(&["plan", "town", "--iterations", "10"]);
+        }
+        first.join().unwrap()
+    });
+    place.json(&["plan", "town", "--iterations", "20", "--seed", "9"]);
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    assert!(watcher.wait().unwrap().success() && rest.len() == 1, "{rest:?}");
+    for line in [&first, &rest[0]] {
+        let plan: Value = serde_json::from_str(line).unwrap();
+        assert_eq!(plan["scene"], "town", "{plan}");
+    }
+    assert!(place.files("seen").iter().any(|name| name == "revision-1-seed-1.json"));
+}
+
+#[test]
+fn refusals_of_the_daemon_name_the_cause_and_have_their_exit_codes() {
+    let place = Place::new();
+    let scene = place.scene();
+    std::fs::write(place.path("empty.geojson"), br#"{"type":"FeatureCollection","features":[]}"#).unwrap();
+    let _daemon = place.serve(&[]);
+    place.json(&["load", &scene]);
+    for (code, kind, words, cause) in [
+        (5, "refused", vec!["plan", "village"], "village"),
+        (5, "refused", vec!["watch", "village"], "village"),
+        (5, "refused", vec!["status", "village"], "village"),
+        (5, "refused", vec!["edit", "town", "remove", "castle"], "castle"),
+        (5, "refused", vec!["edit", "town", "lower", "shed", "--by", "50"], "shed"),
+        (6, "no_plan", vec!["plan", "town", "--rig", "kite"], "panoramic"),
+        (6, "no_plan", vec!["plan", "town", "--start", "0,0,5000"], "start"),
+        (3, "input_file", vec!["load", "empty.geojson"], "empty.geojson"),
+        (2, "usage", vec!["plan", "town", "--samples", "10"], "--samples"),
+    ] {
+        let message = place.fails(code, kind, &words);
+        assert!(message.contains(cause), "{words:?}: {message}");
+    }
+    assert_eq!(place.json(&["status"])["scenes"][0]["revision"], 1);
+}
+
+#[test]
+fn a_second_daemon_in_the_same_domain_says_so() {
+    let place = Place::new();
+    let daemon = place.serve(&[]);
+    let message = place.fails(4, "no_daemon", &["serve"]);
+    assert!(message.contains(&daemon.child.id().to_string()) && message.contains("--domain"), "{message}");
+}
+
+#[test]
+fn a_stopped_daemon_ends_and_leaves_no_files() {
+    let place = Place::new();
+    let scene = place.scene();
+    let mut daemon = place.serve(&[]);
+    place.json(&["load", &scene]);
+    assert_eq!(place.json(&["stop"])["stopped"], true);
+    assert!(daemon.child.wait().unwrap().success());
+    assert!(!place.path("overfly/overfly").exists(), "{:?}", place.files("overfly"));
+}
+
+#[test]
+fn the_ipc_bench_measures_a_daemon_of_its_own() {
+    let place = Place::new();
+    let scene = place.scene();
+    let answer = place.json(&["bench", "ipc", &scene, "--repeat", "1"]);
+    let steps = answer["steps"].as_array().unwrap();
+    assert!(steps.len() >= 3 && steps.iter().all(|row| row["median"].as_f64().unwrap() > 0.0), "{answer}");
+    assert!(!place.path("overfly").exists());
+}
+
+#[test]
+fn the_demo_writes_both_plans_and_leaves_nothing_else() {
+    let place = Place::new();
+    let demo = place.command(&["demo", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
+    let domain = Domain::in_directory(&format!("demo-{}", demo.id()), &place.path("overfly")).unwrap();
+    let output = demo.wait_with_output().unwrap();
+    let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        place.files("overfly-out/demo"),
+        ["daemon.log", "plan.json", "plan.svg", "replan-run.json", "replan.json", "replan.svg", "run.json", "scene.geojson"]
+    );
+    assert_eq!((&answer["plan"]["revision"], &answer["replan"]["revision"]), (&1.into(), &2.into()));
+    assert!(!place.path("overfly").exists());
+    assert_eq!(domain.shared_memory_files(), Vec::<PathBuf>::new());
+}
+
+#[test]
+fn a_demo_that_is_killed_takes_its_daemon_along() {
+    let place = Place::new();
+    let mut demo = place.command(&["demo"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let log = place.path("overfly-out/demo/daemon.log");
+    while !std::fs::read_to_string(&log).is_ok_and(|text| text.contains("serving")) {
+        assert!(demo.try_wait().unwrap().is_none(), "the demo ended before it was killed");
+    }
+    demo.kill().unwrap();
+    demo.wait().unwrap();
+    while !std::fs::read_to_string(&log).unwrap().contains("ended") {
+        std::thread::yield_now();
+    }
+}

@@ -1,0 +1,172 @@
+//! Commands that need no daemon: what they print, what they write, and how they fail.
+
+mod program;
+
+use program::{Place, stderr, stdout};
+use serde_json::Value;
+
+#[test]
+fn help_teaches_with_examples_units_and_exit_codes() {
+    let place = Place::new();
+    let help = stdout(&place.run(&["--help"]));
+    for word in ["overfly demo", "overfly load town.geojson", "Exit codes", "  6  no plan", "metres"] {
+        assert!(help.contains(word), "{word} is not in {help}");
+    }
+    let commands = ["demo", "serve", "load", "plan", "edit", "watch", "status", "reload", "stop", "bench", "generate"];
+    for command in commands {
+        let output = place.run(&[command, "--help"]);
+        assert!(output.status.success() && stdout(&output).contains("--json"), "{command}");
+    }
+}
+
+#[test]
+fn a_plan_of_a_file_writes_its_three_files() {
+    let place = Place::new();
+    let scene = place.scene();
+    let answer = place.json(&["plan", &scene, "--iterations", "60", "--out", "out"]);
+    assert_eq!(place.files("out"), ["plan.json", "plan.svg", "run.json"]);
+    assert_eq!((&answer["scene"], &answer["engine"]), (&"town".into(), &"in_process".into()));
+    let plan: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
+    assert_eq!(plan["format"], "overfly-plan/1");
+    assert_eq!(plan["metrics"]["length_m"], answer["length_m"]);
+    let run: Value = serde_json::from_slice(&place.read("out/run.json")).unwrap();
+    assert_eq!((&run["format"], &run["import"]["structures"]), (&"overfly-run/1".into(), &4.into()));
+    assert_eq!(
+        run["convergence"]["length_m"].as_array().map(Vec::len),
+        answer["iterations"].as_u64().map(|count| count as usize)
+    );
+    let drawing = String::from_utf8(place.read("out/plan.svg")).unwrap();
+    assert!(roxmltree::Document::parse(&drawing).is_ok());
+}
+
+#[test]
+fn plan_json_is_the_same_on_any_number_of_threads() {
+    let place = Place::new();
+    let scene = place.scene();
+    for threads in ["1", "2", "3"] {
+        let words = ["plan", &scene, "--seed", "5", "--iterations", "80", "--out", threads];
+        let output = place.command(&words).env("RAYON_NUM_THREADS", threads).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+    }
+    let read = |threads: &str| place.read(&format!("{threads}/plan.json"));
+    assert_eq!(read("1"), read("2"));
+    assert_eq!(read("1"), read("3"));
+}
+
+#[test]
+fn a_plan_below_its_goal_is_a_result_with_a_note() {
+    let place = Place::new();
+    let scene = place.scene();
+    let output = place.run(&["plan", &scene, "--iterations", "1"]);
+    assert!(output.status.success() && stderr(&output).contains("--iterations"), "{}", stderr(&output));
+    assert!(stdout(&output).contains("captured of capturable, %"));
+}
+
+#[test]
+fn a_generated_block_can_be_planned_and_is_the_same_for_the_same_seed() {
+    let place = Place::new();
+    let answer = place.json(&["generate", "--seed", "3", "--out", "block.geojson"]);
+    assert!(answer["structures"].as_u64().unwrap() > 20, "{answer}");
+    assert_eq!(place.run(&["generate", "--seed", "3"]).stdout.trim_ascii_end(), place.read("block.geojson").trim_ascii_end());
+    assert_ne!(place.run(&["generate", "--seed", "4"]).stdout, place.read("block.geojson"));
+    let plan = place.json(&["plan", "block.geojson", "--samples", "200", "--viewpoints", "200", "--iterations", "20"]);
+    assert!(plan["waypoints"].as_u64().unwrap() >= 1);
+}
+
+#[test]
+fn benches_print_median_p99_and_limits() {
+    let place = Place::new();
+    let scene = place.scene();
+    let small = ["--repeat", "2", "--samples", "100", "--viewpoints", "100"];
+    for (subject, step) in [("field", "build"), ("search", "tree search")] {
+        let answer = place.json(&[&["bench", subject, scene.as_str()], small.as_slice(), &["--iterations", "20"]].concat());
+        let steps = answer["steps"].as_array().unwrap();
+        let row = steps.iter().find(|row| row["step"] == step).unwrap_or_else(|| panic!("{answer}"));
+        assert!(row["median"].as_f64().unwrap() > 0.0 && row["p99"].as_f64() >= row["median"].as_f64(), "{row}");
+        assert_eq!((&row["repeats"], row["limit"].as_str().map(str::is_empty)), (&2.into(), Some(false)));
+    }
+}
+
+#[test]
+fn wrong_lines_are_usage_errors() {
+    let place = Place::new();
+    let scene = place.scene();
+    for words in [
+        vec!["fly"],
+        vec!["plan"],
+        vec!["plan", &scene, "--start", "1,2"],
+        vec!["plan", &scene, "--iterations", "0"],
+        vec!["plan", &scene, "--samples", "many"],
+        vec!["edit", "town", "raise", "hall", "--by", "-3"],
+        vec!["edit", "town", "add", "--name", "n", "--outline", "0,0 1,1", "--height", "3"],
+        vec!["bench", "weather", &scene],
+        vec!["serve", "--domain", "Not/A/Name"],
+    ] {
+        let message = place.fails(2, "usage", &words);
+        assert!(!message.is_empty());
+    }
+}
+
+#[test]
+fn bad_input_files_are_named_with_a_remedy() {
+    let place = Place::new();
+    std::fs::write(place.path("picture.json"), b"\x89PNG").unwrap();
+    std::fs::write(place.path("empty.geojson"), br#"{"type":"FeatureCollection","features":[]}"#).unwrap();
+    std::fs::write(place.path("broken.toml"), "[surface]\nsample = 3\n").unwrap();
+    let scene = place.scene();
+    for (words, file) in [
+        (vec!["plan", "picture.json"], "picture.json"),
+        (vec!["plan", "empty.geojson"], "empty.geojson"),
+        (vec!["bench", "field", "missing.geojson"], "missing.geojson"),
+        (vec!["load", "missing.geojson"], "missing.geojson"),
+        (vec!["plan", &scene, "--config", "missing.toml"], "missing.toml"),
+        (vec!["plan", &scene, "--config", "broken.toml"], "sample"),
+        (vec!["serve", "--config", "broken.toml"], "broken.toml"),
+    ] {
+        let message = place.fails(3, "input_file", &words);
+        assert!(message.contains(file) && message.contains(';'), "{message}");
+    }
+}
+
+#[test]
+fn without_a_daemon_the_client_says_how_to_start_one() {
+    let place = Place::new();
+    let scene = place.scene();
+    for words in [
+        vec!["status"],
+        vec!["stop"],
+        vec!["reload"],
+        vec!["load", &scene],
+        vec!["plan", "town"],
+        vec!["watch", "town"],
+        vec!["edit", "town", "remove", "hall"],
+    ] {
+        let message = place.fails(4, "no_daemon", &words);
+        assert!(message.contains("overfly serve"), "{words:?}: {message}");
+    }
+    let message = place.fails(4, "no_daemon", &["plan", "twon.geojson"]);
+    assert!(message.contains("there is no file \"twon.geojson\""), "{message}");
+}
+
+#[test]
+fn what_cannot_be_planned_says_why() {
+    let place = Place::new();
+    let scene = place.scene();
+    for (words, cause) in [
+        (vec!["plan", &scene, "--rig", "kite"], "panoramic"),
+        (vec!["plan", &scene, "--method", "magic"], "paper"),
+        (vec!["plan", &scene, "--start", "0,0,-5"], "start"),
+        (vec!["plan", &scene, "--start", "0,0,5000"], "start"),
+    ] {
+        let message = place.fails(6, "no_plan", &words);
+        assert!(message.contains(cause), "{message}");
+    }
+}
+
+#[test]
+fn an_output_folder_that_cannot_be_made_is_named() {
+    let place = Place::new();
+    let scene = place.scene();
+    let message = place.fails(1, "unexpected", &["plan", &scene, "--iterations", "2", "--out", "town.geojson/out"]);
+    assert!(message.contains("town.geojson/out") && message.contains("--out"), "{message}");
+}

@@ -5,6 +5,8 @@
 //! viewpoints, these become the view information field, the field feeds the search, the search ends in a flight plan. Everything
 //! up to [`session`] is a pure core: no I/O, no clock, no environment, no interprocess communication. `ARCHITECTURE.md` draws the map.
 
+#![allow(rustdoc::private_intra_doc_links, reason = "room descriptions name their private parts for readers of the source")]
+
 pub mod settings;
 pub mod stop;
 

@@ -26,6 +26,8 @@ pub struct Planned {
 /// Reads a scene file.
 pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportReport), Failure> {
     let bytes = read_bytes(path)?;
+    // The daemon is told absolute paths too: both give a file without a telling name that of its folder.
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     Ok(scene::read(&path.to_string_lossy(), &bytes, &settings.proxy)?)
 }
 

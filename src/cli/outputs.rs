@@ -130,7 +130,8 @@ pub fn shortfall(plan: &Plan) -> Option<String> {
     let wanted = 4 * plan.convergence.len().max(100);
     (!is_goal_reached(plan)).then(|| {
         format!(
-            "note: the plan captures {:.1} % of the capturable samples, the goal is {:.1} %; more iterations may reach it: `--iterations {wanted}`",
+            "note: the plan captures {:.1} % of the capturable samples, the goal is {:.1} %; more iterations come nearer \
+             (`--iterations {wanted}`), and so does a smaller weight of turning (`objective.alpha_t` in a file for `--config`)",
             plan.metrics.coverage_percent, plan.goal_percent
         )
     })

@@ -84,14 +84,20 @@ pub fn read(file_name: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(
     Err(ImportError::UnknownFormat { file, found: "neither JSON nor OBJ".into() })
 }
 
-/// The last part of a path without the endings of the known formats.
+/// The name of a scene: the last part of its path without the endings of the known formats, or the folder's name where the file's
+/// says only what every such file is.
 pub(crate) fn stem(file_name: &str) -> String {
-    let base = file_name.rsplit(['/', '\\']).next().unwrap_or(file_name);
+    let mut parts = file_name.rsplit(['/', '\\']).filter(|part| !part.is_empty());
+    let base = parts.next().unwrap_or(file_name);
     let lower = base.to_lowercase();
     let ending = [".city.json", ".geo.json", ".geojson", ".json", ".obj"].into_iter().find(|ending| lower.ends_with(ending));
     let stem = ending.and_then(|ending| base.get(..base.len() - ending.len())).unwrap_or(base);
-    if stem.is_empty() { "scene".into() } else { super::names::tidy(stem) }
+    let telling = if GENERIC_STEMS.contains(&stem.to_lowercase().as_str()) { parts.next().unwrap_or(stem) } else { stem };
+    if telling.is_empty() { "scene".into() } else { super::names::tidy(telling) }
 }
+
+/// File names that tell nothing about the scene.
+const GENERIC_STEMS: [&str; 6] = ["buildings", "building", "scene", "model", "mesh", "city"];
 
 /// Puts the scene in order and completes the report.
 pub(crate) fn assemble(
@@ -201,4 +207,22 @@ fn count_overlaps(structures: &[Structure], report: &mut ImportReport) {
 fn boxes_overlap(a: &Bounds, b: &Bounds) -> bool {
     let depth = |axis: usize| a.max[axis].min(b.max[axis]) - a.min[axis].max(b.min[axis]);
     depth(0) > 0.0 && depth(1) > 0.0 && depth(0) * depth(1) > LEAST_OVERLAP_M2 && depth(2) > LEAST_OVERLAP_M
+}
+
+#[cfg(test)]
+mod tests {
+    use super::stem;
+
+    #[test]
+    fn a_scene_is_named_after_its_file_or_after_the_folder_where_the_file_s_name_says_nothing() {
+        for (path, name) in [
+            ("/towns/delfshaven.city.json", "delfshaven"),
+            ("C:\\towns\\old town.GeoJSON", "old town"),
+            ("/towns/nihonbashi/buildings.geojson", "nihonbashi"),
+            ("buildings.geojson", "buildings"),
+            ("/.geojson", "scene"),
+        ] {
+            assert_eq!(stem(path), name, "{path}");
+        }
+    }
 }

@@ -1,0 +1,98 @@
+//! The whole pipeline on real towns: what a plan reports is what its images really capture, and nothing of it is unsafe.
+
+mod support;
+
+use nalgebra::Point3;
+use overfly::coverage::{DiskModel, SampleFrame};
+use overfly::planner::{StopToken, plan};
+use overfly::session::Snapshot;
+use overfly::settings::Settings;
+use overfly::trajectory::plan::Plan;
+use support::{options, real_scene, session, snapshot};
+
+fn check_town(file: &str) {
+    let Some(path) = real_scene(file) else { return };
+    let settings = Settings::default();
+    let bytes = std::fs::read(&path).expect("the scene can be read");
+    let (scene, _) = overfly::scene::read(&path.to_string_lossy(), &bytes, &settings.proxy).expect("a real town can be imported");
+    let snapshot = snapshot(&session(scene, &settings));
+    let plan =
+        plan(&snapshot, &settings, &options(1, 150), &StopToken::default(), &mut |_| {}).expect("a real town can be flown");
+    println!(
+        "{}: {} structures, ceiling {:.1} %, captured {:.1} % of the capturable, {:.0} m",
+        plan.scene.name,
+        snapshot.scene.structures.len(),
+        plan.metrics.capturable_percent,
+        plan.metrics.coverage_percent,
+        plan.metrics.length_m
+    );
+    assert!(plan.waypoints.len() > 5 && plan.metrics.coverage_percent > 5.0);
+    check_capture(&snapshot, &settings, &plan);
+    check_distances(&snapshot, &settings, &plan);
+}
+
+/// Recounts the cells of every hundredth sample image by image, with a ray against every triangle.
+fn check_capture(snapshot: &Snapshot, settings: &Settings, plan: &Plan) {
+    let (field, disks) = (snapshot.field(), DiskModel::new(&settings.coverage));
+    let triangles: Vec<_> = snapshot.scene.structures.iter().flat_map(|structure| structure.triangles()).collect();
+    let everything = overfly::scene::clearance::Clearance::of_triangles(triangles);
+    let mut seen = 0;
+    for (i, row) in field.samples.iter().enumerate().step_by(100).filter(|(_, row)| row.exposed == 1) {
+        let sample = SampleFrame::new(row.position_m.into(), row.normal.into());
+        let end = sample.position + sample.normal * settings.surface.exposure_offset_m;
+        let mut cells = 0u128;
+        for image in &plan.images {
+            if !everything.occluded(&image.position_m, &end) {
+                cells |= disks.exact_mask(&sample, &image.position_m);
+            }
+        }
+        assert_eq!(u32::from(plan.cells[i]), cells.count_ones(), "sample {i}");
+        seen += cells.count_ones();
+    }
+    assert!(seen > 0, "the recount saw something");
+    let above = |cells: u16| u32::from(cells) > field.facts.threshold_cells;
+    let exposed = field.samples.iter().filter(|row| row.exposed == 1).count() as f64;
+    let captured = plan.cells.iter().filter(|&&cells| above(cells)).count() as f64;
+    assert!((plan.metrics.coverage_exposed_percent - 100.0 * captured / exposed).abs() < 1e-9);
+}
+
+/// Walks along the curve in steps of a metre, from the scene's own triangles.
+fn check_distances(snapshot: &Snapshot, settings: &Settings, plan: &Plan) {
+    let clearance = overfly::scene::clearance::Clearance::new(&snapshot.scene);
+    for leg in plan.waypoints.windows(2) {
+        let (a, b) = (leg[0].position_m, leg[1].position_m);
+        let steps = (b - a).norm().ceil().max(1.0);
+        for k in 0..=steps as usize {
+            let p: Point3<f64> = a + (b - a) * (k as f64 / steps);
+            let distance_m = clearance.point_distance_m(&p, 50.0);
+            assert!(distance_m >= settings.flight.safety_distance_m - 1e-9, "{p} is {distance_m} m from a structure");
+            assert!(distance_m >= plan.clearance_m - 1e-9 && p.z >= plan.clearance_m - 1e-9);
+            assert!(snapshot.scene.structures.iter().all(|structure| !structure.contains(&p)), "{p} lies inside a structure");
+        }
+    }
+}
+
+#[test]
+fn real_scene_delfshaven() {
+    check_town("delfshaven/delfshaven.city.json");
+}
+
+#[test]
+fn real_scene_nihonbashi() {
+    check_town("nihonbashi/buildings.geojson");
+}
+
+#[test]
+fn real_scene_manhattan() {
+    check_town("manhattan/buildings.geojson");
+}
+
+#[test]
+fn real_scene_marunouchi() {
+    check_town("marunouchi/buildings.geojson");
+}
+
+#[test]
+fn real_scene_delft_campus() {
+    check_town("delft-campus/3dbag_5910_lod22.city.json");
+}

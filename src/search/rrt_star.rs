@@ -134,8 +134,9 @@ pub(super) fn rewire_tree(problem: &Problem, tree: &mut Tree, start: usize, stop
         }
         // "N <- Find_Neighbors(T, w) - Find_Ancestors(w)": an ancestor below its own descendant would close a loop.
         let neighbours = find_neighbours(problem, tree, w);
+        let is_ancestor = tree.ancestors(w);
         for n in neighbours {
-            if tree.is_ancestor(n, w) || tree.nodes[n].parent == Some(w) {
+            if is_ancestor[n] || tree.nodes[n].parent == Some(w) {
                 continue;
             }
             // "Try to connect w_i to w"; "if E({w_start, ..., w_i}) increases after the reconnection then".

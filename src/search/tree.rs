@@ -101,9 +101,11 @@ impl<'p, 'a> Tree<'p, 'a> {
         }
     }
 
-    /// Whether `candidate` lies on the path from the root to `node`, which belongs to its own path.
-    pub fn is_ancestor(&self, candidate: usize, node: usize) -> bool {
-        self.path_up(node).any(|ancestor| ancestor == candidate)
+    /// Which nodes lie on the path from the root to `node`, itself included. Reconnecting others below `node` does not change it.
+    pub fn ancestors(&self, node: usize) -> Vec<bool> {
+        let mut is_ancestor = vec![false; self.nodes.len()];
+        self.path_up(node).for_each(|ancestor| is_ancestor[ancestor] = true);
+        is_ancestor
     }
 
     /// The nodes from `node` up to the root, both included.

@@ -7,6 +7,7 @@
 
 #![allow(rustdoc::private_intra_doc_links, reason = "room descriptions name their private parts for readers of the source")]
 
+pub mod fingerprint;
 pub mod settings;
 pub mod stop;
 

@@ -8,7 +8,7 @@ use crate::field::Snapshot;
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
 use crate::search::{Problem, SearchError, search};
-use crate::settings::Settings;
+use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::{self, FlightSums};
 use crate::trajectory::plan::{Metrics, Plan, SceneStamp, Waypoint};
@@ -42,6 +42,13 @@ pub enum PlanError {
         "the flight cannot start at ({position}): {cause}; give another start in metres of the scene's frame, or none to have one chosen"
     )]
     Start { position: String, cause: Obstruction },
+    #[error("{iterations} iterations were asked for; the most is {most}", most = MOST_ITERATIONS)]
+    Iterations { iterations: u32 },
+    #[error(
+        "no sample of the scene can be captured: no admissible view comes within {range_m} m and sees enough of it; raise \
+         `flight.legal_ceiling_m` ({ceiling_m} m) or `coverage.range_m`"
+    )]
+    NothingCapturable { range_m: f64, ceiling_m: f64 },
     #[error("the computation was abandoned")]
     Abandoned,
     #[error(transparent)]
@@ -67,8 +74,15 @@ pub fn plan(
         return Err(PlanError::UnknownMethod(options.method.clone()));
     }
     let problem = Problem::new(snapshot, settings, rig);
+    if problem.capturable == 0 {
+        let (range_m, ceiling_m) = (settings.coverage.range_m, settings.flight.legal_ceiling_m);
+        return Err(PlanError::NothingCapturable { range_m, ceiling_m });
+    }
     let start = start_pose(&problem, options.start_m, stop)?;
     let iterations = options.iterations.unwrap_or(settings.search.iterations);
+    if iterations > MOST_ITERATIONS {
+        return Err(PlanError::Iterations { iterations });
+    }
 
     let speed_mps = settings.flight.cruise_speed_mps;
     let confirm = |path: &[Pose]| {
@@ -79,6 +93,9 @@ pub fn plan(
     let (images, sums) = images::place(&outcome.path, &problem, speed_mps);
     let capture = evaluate::capture(snapshot, &problem.rig, &images, stop).ok_or(PlanError::Abandoned)?;
     let curve: Vec<_> = outcome.path.iter().map(|pose| pose.position).collect();
+    // Eq. 6 sums from k = 2: what the view at the start sees belongs to no leg.
+    let at_start =
+        evaluate::capture(snapshot, &problem.rig, &images[..problem.rig.cameras().len()], stop).ok_or(PlanError::Abandoned)?;
     let clearance_m = safety::check(&curve, &snapshot.free)?;
 
     let waypoints = outcome.path.iter().map(|pose| Waypoint { position_m: pose.position, direction: pose.direction }).collect();
@@ -88,7 +105,7 @@ pub fn plan(
         rig: options.rig.clone(),
         method: options.method.clone(),
         cameras: problem.rig.cameras(),
-        metrics: metrics(&problem, settings, &sums, &capture),
+        metrics: metrics(&problem, settings, &sums, &capture, &at_start),
         waypoints,
         images,
         cells: capture.cells,
@@ -127,9 +144,10 @@ fn start_pose(problem: &Problem, given_m: Option<Point3<f64>>, stop: &StopToken)
     Ok(best.0)
 }
 
-fn metrics(problem: &Problem, settings: &Settings, sums: &FlightSums, capture: &Capture) -> Metrics {
+fn metrics(problem: &Problem, settings: &Settings, sums: &FlightSums, capture: &Capture, at_start: &Capture) -> Metrics {
     let movement_s = sums.length_m / settings.flight.cruise_speed_mps;
-    let path = PathSums { information: capture.information, length_m: sums.length_m, turning_s: sums.turning_s };
+    let path =
+        PathSums { information: capture.information - at_start.information, length_m: sums.length_m, turning_s: sums.turning_s };
     Metrics {
         length_m: sums.length_m,
         movement_s,

@@ -31,6 +31,9 @@ pub struct Session {
     sampler: Arc<Sampler>,
 }
 
+/// Cells of the lattice for one viewpoint, at least: what lies in structures or above the shell has none.
+const CELLS_PER_VIEWPOINT: f64 = 4.0;
+
 /// What an edit must not change, so that samples and viewpoints away from the edit stay where they are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pins {
@@ -74,8 +77,10 @@ impl Session {
 
     /// Samples, viewpoints and clearance of the current revision: all that is needed to size the field's table.
     pub fn survey(&self, stop: &StopToken) -> Result<Survey, FieldError> {
-        let free = FreeSpace::new(&self.scene, &self.settings.flight);
+        let free = FreeSpace::new(&self.scene, &self.settings.flight)?;
         check(stop)?;
+        // The spacings are pinned, so an edit that enlarges the scene enlarges its field.
+        check_size(&self.scene, &free, &self.settings, &self.pins.lattice, self.sampler.estimate(&self.scene))?;
         let samples = self.sampler.sample(&self.scene, stop).ok_or(FieldError::Stopped)?;
         if !samples.iter().any(|sample| sample.exposed) {
             return Err(FieldError::NoSurface { scene: self.scene.name.clone() });
@@ -127,7 +132,7 @@ impl Session {
 
 impl Pins {
     fn choose(scene: &Scene, settings: &Settings, stop: &StopToken) -> Result<(Self, Sampler), FieldError> {
-        let free = FreeSpace::new(scene, &settings.flight);
+        let free = FreeSpace::new(scene, &settings.flight)?;
         check(stop)?;
         let surface = &settings.surface;
         let spacing_m = surface::choose_spacing_m(scene, surface.samples, surface.seed, surface.exposure_offset_m, stop)
@@ -142,6 +147,7 @@ impl Pins {
             shell_m: settings.field.shell_m,
             seed: surface.seed,
         };
+        check_size(scene, &free, settings, &coarsest, sampler.estimate(scene))?;
         let lattice_m = field::choose_spacing_m(&free, &coarsest, settings.field.viewpoints, stop).ok_or(FieldError::Stopped)?;
         if lattice_m <= 0.0 {
             return Err(no_free_space(scene, &free, &coarsest));
@@ -153,6 +159,25 @@ impl Pins {
         let neighbour_radius_m = neighbour_radius_m(scene, settings);
         Ok((Self { lattice, reference_area_m2: area_mm2 as f64 / 1e6, neighbour_radius_m }, sampler))
     }
+}
+
+/// Refuses a field that is too large before memory is taken for it.
+fn check_size(scene: &Scene, free: &FreeSpace, settings: &Settings, lattice: &Lattice, samples: f64) -> Result<(), FieldError> {
+    for (what, needed, most, key) in [
+        ("samples", samples, settings.field.most_samples, "field.most_samples"),
+        (
+            "viewpoints",
+            field::cells(free, lattice) / CELLS_PER_VIEWPOINT,
+            settings.field.most_viewpoints,
+            "field.most_viewpoints",
+        ),
+    ] {
+        let most = f64::from(most);
+        if needed > most {
+            return Err(FieldError::TooLarge { scene: scene.name.clone(), what, needed, most, key });
+        }
+    }
+    Ok(())
 }
 
 /// "A radius of 10 % scene size" (Algorithm 4), within limits; the scene's size is its horizontal diagonal, m.

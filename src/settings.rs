@@ -9,6 +9,9 @@ pub use parse::SettingsError;
 /// The embedded defaults, as text.
 pub const DEFAULT_TOML: &str = include_str!("../config/default.toml");
 
+/// Iterations that a search may be asked for.
+pub const MOST_ITERATIONS: u32 = 10_000_000;
+
 /// All settings of a planner or daemon.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -64,16 +67,20 @@ pub struct FlightSettings {
     pub legal_ceiling_m: f64,
     /// How far the flight may leave the box around the structures, m.
     pub lateral_margin_m: f64,
-    /// Zones in local metres, beside those that the scene file brings.
+    /// Zones beside those that the scene file brings.
     pub no_fly: Vec<NoFlySetting>,
 }
 
-/// A no-fly zone of the configuration.
+/// A no-fly zone of the configuration. It holds for every scene, so it is usually given in degrees.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NoFlySetting {
     pub name: String,
-    /// Corners, m east and north of the scene's origin.
+    /// Corners as longitude and latitude, degrees.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub outline_deg: Vec<[f64; 2]>,
+    /// Corners in metres east and north of the scene's origin, in place of degrees: for a scene without georeference.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub outline_m: Vec<[f64; 2]>,
     pub floor_m: f64,
     pub ceiling_m: f64,
@@ -85,6 +92,9 @@ pub struct NoFlySetting {
 pub struct FieldSettings {
     /// Target number M of viewpoints.
     pub viewpoints: u32,
+    /// Most samples and most viewpoints that a field may have: edits may enlarge a scene whose spacings are pinned.
+    pub most_samples: u32,
+    pub most_viewpoints: u32,
     /// Coarsest lattice, m: beyond it the shell would fall between the cells.
     pub max_spacing_m: f64,
     /// Outer edge of the offset shell, m from the nearest surface.
@@ -150,6 +160,8 @@ pub struct SearchSettings {
     pub neighbours_most: u32,
     /// Least distance of two images along an edge, m, and least time between them, s.
     pub image_spacing_m: f64,
+    /// The masks of one search's tree may take this much, MB.
+    pub memory_mb: u32,
     pub shutter_interval_s: f64,
 }
 
@@ -177,6 +189,6 @@ impl Settings {
     /// Fingerprint of everything that a field depends on beside its scene: a cached field of other settings is not used.
     pub fn field_hash(&self) -> u64 {
         let text = format!("{:?} {:?} {:?} {:?}", self.surface, self.flight, self.field, self.coverage);
-        crate::scene::StructureId::of_name(&text).0
+        crate::fingerprint::fnv1a(text.as_bytes())
     }
 }

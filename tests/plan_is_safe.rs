@@ -16,7 +16,7 @@ fn single(p: &Point3<f64>) -> Vector {
 
 fn zone() -> NoFlySetting {
     let outline_m = vec![[-20.0, -20.0], [25.0, -20.0], [25.0, 15.0], [-20.0, 15.0]];
-    NoFlySetting { name: "helipad".into(), outline_m, floor_m: 0.0, ceiling_m: 60.0 }
+    NoFlySetting { name: "helipad".into(), outline_deg: vec![], outline_m, floor_m: 0.0, ceiling_m: 60.0 }
 }
 
 fn settings_with_zone() -> Settings {

@@ -10,7 +10,7 @@ use super::failure::Failure;
 use super::machine::this_machine;
 use crate::mission::run_json::{self, Engine, Run};
 use crate::mission::{plan_json, svg};
-use crate::trajectory::plan::{Plan, RunTimes};
+use crate::trajectory::plan::{Plan, RunTimes, StopReason};
 
 /// A plan with all that its files need.
 pub struct Flight<'a> {
@@ -138,5 +138,5 @@ pub fn shortfall(plan: &Plan) -> Option<String> {
 }
 
 fn is_goal_reached(plan: &Plan) -> bool {
-    plan.metrics.coverage_percent > plan.goal_percent
+    plan.stop == StopReason::GoalReached
 }

@@ -12,4 +12,4 @@ mod viewpoints;
 pub use build::{Outlines, counts};
 pub use lookup::Lookup;
 pub use survey::{FieldError, FieldStorage, Snapshot, Survey};
-pub use viewpoints::{Lattice, Viewpoint, choose_spacing_m, fill};
+pub use viewpoints::{Lattice, Viewpoint, cells, choose_spacing_m, fill};

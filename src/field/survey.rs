@@ -10,7 +10,7 @@ use super::lookup::Lookup;
 use super::viewpoints::Viewpoint;
 use crate::coverage::DiskModel;
 use crate::scene::Scene;
-use crate::scene::free_space::FreeSpace;
+use crate::scene::free_space::{FreeSpace, ZoneError};
 use crate::stop::StopToken;
 use crate::surface::Sample;
 
@@ -26,6 +26,12 @@ pub enum FieldError {
          {high_m:.0} m and outside of its no-fly zones; lower `flight.safety_distance_m` or widen the altitude limits"
     )]
     NoFreeSpace { scene: String, safety_m: f64, shell_m: f64, low_m: f64, high_m: f64 },
+    #[error(
+        "the scene {scene:?} would need {needed:.0} {what}, the most is {most}; raise `{key}`, or load the scene anew with a wider spacing (fewer `surface.samples`, a larger `field.max_spacing_m`)"
+    )]
+    TooLarge { scene: String, what: &'static str, needed: f64, most: f64, key: &'static str },
+    #[error(transparent)]
+    Zone(#[from] ZoneError),
     #[error("the table is not the field of this scene: {0}")]
     Layout(#[from] LayoutError),
 }

@@ -36,6 +36,11 @@ pub fn choose_spacing_m(free: &FreeSpace, coarsest: &Lattice, target: u32, stop:
     Some(coarsest.spacing_m * libm::cbrt(share).min(1.0))
 }
 
+/// How many cells of the lattice lie within the flight limits: an upper bound of the viewpoints.
+pub fn cells(free: &FreeSpace, lattice: &Lattice) -> f64 {
+    (free.limits.max - free.limits.min).iter().map(|extent| (extent / lattice.spacing_m).max(0.0) + 2.0).product()
+}
+
 /// All viewpoints of the lattice, in the order of their cells; `None` when stopped.
 pub fn fill(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Vec<Viewpoint>> {
     let cell = |p: &Point3<f64>| ((p - lattice.origin) / lattice.spacing_m).map(|v| v.floor() as i64);

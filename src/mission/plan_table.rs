@@ -214,6 +214,8 @@ fn stop_code(stop: StopReason) -> u64 {
         StopReason::GoalReached => 0,
         StopReason::IterationsUsed => 1,
         StopReason::Cancelled => 2,
+        StopReason::MemoryUsed => 3,
+        StopReason::SpaceExhausted => 4,
     }
 }
 
@@ -222,6 +224,8 @@ fn stop_reason(code: u64) -> Result<StopReason, PlanTableError> {
         0 => Ok(StopReason::GoalReached),
         1 => Ok(StopReason::IterationsUsed),
         2 => Ok(StopReason::Cancelled),
+        3 => Ok(StopReason::MemoryUsed),
+        4 => Ok(StopReason::SpaceExhausted),
         code => Err(PlanTableError::Code { what: "stop reason", code }),
     }
 }
@@ -308,7 +312,9 @@ mod tests {
             figures in prop::array::uniform9(number()), goal_percent in number(), clearance_m in number(),
             cells in prop::collection::vec(any::<u16>(), 0..50),
             convergence in prop::collection::vec(prop::array::uniform4(number()), 0..20),
-            stop in prop::sample::select(vec![StopReason::GoalReached, StopReason::IterationsUsed, StopReason::Cancelled]),
+            stop in prop::sample::select(vec![
+                StopReason::GoalReached, StopReason::IterationsUsed, StopReason::Cancelled, StopReason::MemoryUsed, StopReason::SpaceExhausted,
+            ]),
         ) -> Plan {
             let [scene, rig, method, one, two] = names;
             let [length_m, movement_s, turning_s, flight_s, coverage_percent, coverage_exposed_percent, capturable_percent,

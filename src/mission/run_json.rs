@@ -73,6 +73,8 @@ pub fn stop_name(stop: StopReason) -> &'static str {
     match stop {
         StopReason::GoalReached => "goal_reached",
         StopReason::IterationsUsed => "iterations_used",
+        StopReason::MemoryUsed => "memory_used",
+        StopReason::SpaceExhausted => "space_exhausted",
         StopReason::Cancelled => "cancelled",
     }
 }

@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
-use geo::{Contains, Intersects};
+use geo::{Area, Intersects, Validation};
 use nalgebra::Point3;
 
 use super::clearance::Clearance;
-use super::proxy::{NoFlyZone, Scene, Structure};
+use super::proxy::{NoFlyZone, Scene, Shape, Structure};
 use super::solid::Bounds;
-use crate::settings::FlightSettings;
+use crate::frame::{Geodetic, LocalFrame};
+use crate::settings::{FlightSettings, NoFlySetting};
 
 /// The safe space of one scene under one set of flight limits.
 #[derive(Debug)]
@@ -38,18 +39,30 @@ pub enum Obstruction {
     Zone(String),
 }
 
+/// Why a no-fly zone of the configuration cannot be kept. A zone that cannot be kept is never passed over.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ZoneError {
+    #[error("the no-fly zone {name:?} is given in degrees, but the scene has no georeference; give it as `outline_m`")]
+    NoOrigin { name: String },
+    #[error("the outline of the no-fly zone {name:?} crosses itself or has no area; put its corners in order")]
+    Outline { name: String },
+}
+
 impl FreeSpace {
     /// `settings` gives the limits, `scene` the obstacles and its own zones.
-    pub fn new(scene: &Scene, settings: &FlightSettings) -> Self {
+    pub fn new(scene: &Scene, settings: &FlightSettings) -> Result<Self, ZoneError> {
         let structures: Vec<_> = scene.structures.iter().map(|s| (s.bounds(), Arc::clone(s))).collect();
-        let zones = scene.zones.iter().cloned().chain(settings.no_fly.iter().map(NoFlyZone::from)).collect();
-        Self {
+        let mut zones = scene.zones.clone();
+        for setting in &settings.no_fly {
+            zones.push(zone(setting, &scene.frame)?);
+        }
+        Ok(Self {
             clearance: Clearance::new(scene),
             limits: limits(scene, settings),
             structures,
             zones,
             safety_distance_m: settings.safety_distance_m,
-        }
+        })
     }
 
     /// Why `p` is not a safe position; `None` when it is one.
@@ -68,13 +81,31 @@ impl FreeSpace {
 
     /// Why the straight leg from `a` to `b` is not safe over its whole length, given that both ends are safe positions.
     pub fn obstruction_between(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
-        // The limits are a box, and so convex: two ends inside keep the leg inside. No closed structure can be entered without
-        // crossing its surface, which the distance excludes.
+        // The limits are a box, and so convex: two ends inside keep the leg inside.
         if !self.clearance.keeps_distance(a, b, self.safety_distance_m) {
             let distance_m = self.clearance.segment_distance_m(a, b, self.safety_distance_m);
             return Some(Obstruction::TooNear { distance_m, safety_m: self.safety_distance_m });
         }
+        if let Some(structure) = self.structure_along(a, b) {
+            return Some(Obstruction::Inside(structure.name.clone()));
+        }
         self.zones.iter().find(|zone| zone.meets(a, b)).map(|zone| Obstruction::Zone(zone.name.clone()))
+    }
+
+    /// A structure that the leg enters without coming near its surface: through a large hole of a mesh.
+    fn structure_along(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<&Structure> {
+        let leg = b - a;
+        // A hole that lets a leg in is wider than twice the safety distance, so what lies behind is not missed in such steps.
+        let steps = (leg.norm() / self.safety_distance_m.min(2.0)).ceil() as usize;
+        let meshes = || self.structures.iter().filter(|(_, structure)| matches!(structure.shape, Shape::Mesh { .. }));
+        let low = a.inf(b);
+        let high = a.sup(b);
+        let near: Vec<_> =
+            meshes().filter(|(bounds, _)| (0..3).all(|i| bounds.min[i] <= high[i] && low[i] <= bounds.max[i])).collect();
+        (0..=steps)
+            .map(|k| a + leg * (k as f64 / steps.max(1) as f64))
+            .find_map(|p| near.iter().find(|(bounds, structure)| bounds.contains(&p) && structure.contains(&p)))
+            .map(|(_, structure)| structure.as_ref())
     }
 
     /// Whether `p` is a safe position: [`FreeSpace::obstruction_at`] without a reason, cheapest tests first.
@@ -84,7 +115,9 @@ impl FreeSpace {
 
     /// Whether the leg between two safe positions is safe. The hot path of the search: no reason is made up.
     pub fn is_leg_safe(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
-        self.clearance.keeps_distance(a, b, self.safety_distance_m) && !self.zones.iter().any(|zone| zone.meets(a, b))
+        self.clearance.keeps_distance(a, b, self.safety_distance_m)
+            && !self.zones.iter().any(|zone| zone.meets(a, b))
+            && self.structure_along(a, b).is_none()
     }
 
     /// The structure that holds `p` inside, if any.
@@ -98,16 +131,19 @@ impl FreeSpace {
     }
 }
 
-impl From<&crate::settings::NoFlySetting> for NoFlyZone {
-    fn from(setting: &crate::settings::NoFlySetting) -> Self {
-        let ring = setting.outline_m.iter().map(|&[x, y]| geo::Coord { x, y }).collect::<Vec<_>>();
-        Self {
-            name: setting.name.clone(),
-            outline: geo::MultiPolygon::new(vec![geo::Polygon::new(geo::LineString::new(ring), vec![])]),
-            floor_m: setting.floor_m,
-            ceiling_m: setting.ceiling_m,
-        }
+/// The zone of a setting in the frame of the scene.
+fn zone(setting: &NoFlySetting, frame: &LocalFrame) -> Result<NoFlyZone, ZoneError> {
+    let from_degrees = |&[lon_deg, lat_deg]: &[f64; 2]| {
+        let corner = frame.local_from_geodetic(&Geodetic { lat_deg, lon_deg, alt_m: 0.0 });
+        corner.map(|p| geo::Coord { x: p.x, y: p.y }).ok_or_else(|| ZoneError::NoOrigin { name: setting.name.clone() })
+    };
+    let mut ring = setting.outline_deg.iter().map(from_degrees).collect::<Result<Vec<_>, _>>()?;
+    ring.extend(setting.outline_m.iter().map(|&[x, y]| geo::Coord { x, y }));
+    let outline = geo::MultiPolygon::new(vec![geo::Polygon::new(geo::LineString::new(ring), vec![])]);
+    if !outline.is_valid() || outline.unsigned_area() == 0.0 {
+        return Err(ZoneError::Outline { name: setting.name.clone() });
     }
+    Ok(NoFlyZone { name: setting.name.clone(), outline, floor_m: setting.floor_m, ceiling_m: setting.ceiling_m })
 }
 
 impl NoFlyZone {
@@ -118,11 +154,7 @@ impl NoFlyZone {
         };
         let at = |t: f64| geo::Coord { x: a.x + (b.x - a.x) * t, y: a.y + (b.y - a.y) * t };
         let (from, to) = (at(enter), at(leave));
-        if from == to {
-            self.outline.contains(&from) || self.outline.intersects(&from)
-        } else {
-            self.outline.intersects(&geo::Line::new(from, to))
-        }
+        if from == to { self.outline.intersects(&from) } else { self.outline.intersects(&geo::Line::new(from, to)) }
     }
 }
 

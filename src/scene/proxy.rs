@@ -7,6 +7,7 @@ use geo::MultiPolygon;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
+use crate::fingerprint::fnv1a;
 use crate::frame::LocalFrame;
 
 /// A triangle by its corners, counter-clockwise seen from outside, metres in the local frame.
@@ -17,12 +18,9 @@ pub type Triangle = [Point3<f64>; 3];
 pub struct StructureId(pub u64);
 
 impl StructureId {
-    /// The id of the structure called `name` (64-bit FNV-1a, so that it is the same on every machine and in every version).
+    /// The id of the structure called `name` (the same on every machine and in every version).
     pub fn of_name(name: &str) -> Self {
-        let hash = name
-            .bytes()
-            .fold(0xcbf2_9ce4_8422_2325u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
-        Self(hash)
+        Self(fnv1a(name.as_bytes()))
     }
 }
 

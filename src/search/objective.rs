@@ -8,7 +8,7 @@ use crate::settings::{ObjectiveSettings, Settings};
 /// Sums along a path from the root.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PathSums {
-    /// Union of all views, area-weighted: the sum of g* over the path (Eq. 2 and 3).
+    /// What the legs add to the view at the root, area-weighted: the sum of g* over the path from k = 2 on (Eq. 2 and 3).
     pub information: Information,
     /// Sum of c_m (Eq. 4), m.
     pub length_m: f64,

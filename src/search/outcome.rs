@@ -26,6 +26,10 @@ pub struct Iteration {
 pub enum StopReason {
     GoalReached,
     IterationsUsed,
+    /// The tree holds as much as `search.memory_mb` allows.
+    MemoryUsed,
+    /// No further point of the free space could be reached.
+    SpaceExhausted,
     Cancelled,
 }
 

@@ -56,7 +56,8 @@ impl<'a> Problem<'a> {
     pub fn new(snapshot: &'a Snapshot, settings: &Settings, rig: Rig) -> Self {
         let field = snapshot.field();
         let threshold = field.facts.threshold_cells;
-        let capturable = field.ceilings.iter().filter(|&&cells| u32::from(cells) > threshold).count() as u32;
+        let samples = 0..field.samples.len();
+        let capturable = samples.clone().filter(|&i| field.is_capturable(i)).count() as u32;
         let enough = (f64::from(capturable) * settings.coverage.goal_percent / 100.0).floor() as u32 + 1;
         let spacing = settings.search.image_spacing_m.max(settings.flight.cruise_speed_mps * settings.search.shutter_interval_s);
         Self {
@@ -72,7 +73,7 @@ impl<'a> Problem<'a> {
             most_of_image: most_of_image(&field, &snapshot.disks),
             frames: frames(&field),
             areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
-            thresholds: field.ceilings.iter().map(|&c| if u32::from(c) > threshold { threshold } else { CELLS as u32 }).collect(),
+            thresholds: samples.map(|i| if field.is_capturable(i) { threshold } else { CELLS as u32 }).collect(),
             field,
         }
     }
@@ -102,7 +103,7 @@ impl<'a> Problem<'a> {
 
     /// An upper bound of what the images of a leg can gain, whatever they see.
     pub fn most_of_leg(&self, from: &Pose, to: &Pose) -> Information {
-        image_count((to.position - from.position).norm(), self.image_spacing_m) as u64 * self.most_of_image
+        self.most_of_image.saturating_mul(image_count((to.position - from.position).norm(), self.image_spacing_m) as u64)
     }
 
     /// Adds the coverage disks of one view: visibility from the field, frustum and disk exactly at the pose.
@@ -110,15 +111,10 @@ impl<'a> Problem<'a> {
         let Some(nearest) = self.lookup.nearest_in_sight(&pose.position, &self.free.clearance) else {
             return;
         };
-        for (word_index, &word) in self.field.row(nearest).iter().enumerate() {
-            let mut rest = word;
-            while rest != 0 {
-                let i = word_index * 64 + rest.trailing_zeros() as usize;
-                rest &= rest - 1;
-                let frame = &self.frames[i];
-                if self.rig.frames(pose, &frame.position) {
-                    scratch.add(i as u32, self.disks.mask(frame, &pose.position));
-                }
+        for i in seen_in(self.field.row(nearest)) {
+            let frame = &self.frames[i];
+            if self.rig.frames(pose, &frame.position) {
+                scratch.add(i as u32, self.disks.mask(frame, &pose.position));
             }
         }
     }
@@ -131,6 +127,12 @@ impl<'a> Problem<'a> {
     /// Adds `seen` to `covered`; counts the capturable samples that crossed the threshold.
     pub fn cover(&self, covered: &mut [Mask], seen: &Observations) -> Gained {
         union::cover(covered, seen, &self.areas_mm2, &self.thresholds)
+    }
+
+    /// How many nodes a tree may have: each holds a mask for every sample.
+    pub fn most_nodes(&self) -> usize {
+        let node_bytes = self.field.samples.len() * size_of::<Mask>();
+        (self.settings.memory_mb as usize * 1_000_000 / node_bytes.max(1)).max(2)
     }
 
     /// Share of the capturable samples, percent.
@@ -171,7 +173,21 @@ pub fn image_poses(from: &Pose, to: &Pose, spacing_m: f64) -> impl Iterator<Item
         if k == count {
             return end;
         }
-        Pose { position: start.position + leg * (k as f64 / count as f64), direction: end.direction }
+        let share = k as f64 / count as f64;
+        // The view direction turns along the great circle (section 5.4); between opposite directions there is no such circle.
+        let direction = match (start.direction, end.direction) {
+            (Some(from), Some(to)) => Some(from.try_slerp(&to, share, 1e-9).unwrap_or(to)),
+            _ => end.direction,
+        };
+        Pose { position: start.position + leg * share, direction }
+    })
+}
+
+/// The samples whose bits are set in a row of the field, in ascending order.
+fn seen_in(row: &[u64]) -> impl Iterator<Item = usize> + '_ {
+    row.iter().enumerate().flat_map(|(word_index, &word)| {
+        let rest = std::iter::successors(Some(word), |rest| Some(rest & rest.wrapping_sub(1)));
+        rest.take_while(|&rest| rest != 0).map(move |rest| word_index * 64 + rest.trailing_zeros() as usize)
     })
 }
 
@@ -181,12 +197,9 @@ fn image_count(length_m: f64, spacing_m: f64) -> usize {
 
 /// The most that any row of the field could gain: every sample in it under the largest disk.
 fn most_of_image(field: &FieldTable, disks: &DiskModel) -> Information {
-    let area = |row: &[u64]| -> u64 {
-        let seen = |&i: &usize| row[i / 64] >> (i % 64) & 1 == 1;
-        (0..field.samples.len()).filter(seen).map(|i| field.samples[i].area_mm2).sum()
-    };
+    let area = |row: &[u64]| seen_in(row).fold(0u64, |sum, i| sum.saturating_add(field.samples[i].area_mm2));
     let most = (0..field.viewpoints.len()).map(|j| area(field.row(j))).max().unwrap_or(0);
-    most * u64::from(disks.most_cells())
+    most.saturating_mul(u64::from(disks.most_cells()))
 }
 
 fn frames(field: &FieldTable) -> Vec<SampleFrame> {

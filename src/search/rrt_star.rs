@@ -32,7 +32,7 @@ pub fn search(
     // Alg. 2: "Initialize random tree T with w_start as its root node".
     let mut tree = Tree::new(problem, start);
     let mut best = Best::of(problem, &tree);
-    let mut convergence = Vec::with_capacity(iterations as usize);
+    let mut convergence = Vec::new();
     let mut reason = StopReason::IterationsUsed;
     // Alg. 2: "while percentage of surface points [...] is <= G and # iterations of this while loop is < K".
     for iteration in 1..=iterations {
@@ -40,9 +40,26 @@ pub fn search(
             reason = StopReason::GoalReached;
             break;
         }
-        if stop.is_stopped() || !expand(problem, &mut tree, &mut random, stop)? {
+        if stop.is_stopped() {
             reason = StopReason::Cancelled;
             break;
+        }
+        if tree.nodes.len() >= problem.most_nodes() {
+            reason = StopReason::MemoryUsed;
+            break;
+        }
+        match expand(problem, &mut tree, &mut random, stop) {
+            Ok(true) => {}
+            Ok(false) => {
+                reason = StopReason::Cancelled;
+                break;
+            }
+            Err(error) if tree.nodes.len() == 1 => return Err(error),
+            // There is a path already: the search ends with it.
+            Err(SearchError::Unreachable { .. }) => {
+                reason = StopReason::SpaceExhausted;
+                break;
+            }
         }
         if iteration % problem.settings.root_rewire_every.max(1) == 0 {
             // Alg. 2: "if every 50 iterations then Rewire_Tree(T, w_start)".
@@ -52,7 +69,7 @@ pub fn search(
         convergence.push(best.record(problem));
         on_progress(&best.progress(problem, iteration, iterations));
     }
-    if reason == StopReason::IterationsUsed && best.is_sufficient(problem, confirm) {
+    if reason != StopReason::GoalReached && best.is_sufficient(problem, confirm) {
         reason = StopReason::GoalReached;
     }
     Ok(Outcome { path: best.path, convergence, stop: reason })

@@ -60,7 +60,10 @@ fn brute_force(problem: &Problem, path: &[Pose]) -> (PathSums, u32, Vec<u128>) {
         }
     }
     let cells = |i: usize| covered[i].count_ones();
-    sums.information = (0..covered.len()).map(|i| u64::from(cells(i)) * problem.field.samples[i].area_mm2).sum();
+    let mut at_root = vec![0; covered.len()];
+    let root_information = problem.cover(&mut at_root, &problem.observe_pose(&path[0], &mut problem.scratch())).information;
+    sums.information =
+        (0..covered.len()).map(|i| u64::from(cells(i)) * problem.field.samples[i].area_mm2).sum::<u64>() - root_information;
     let threshold = problem.field.facts.threshold_cells;
     let captured = (0..covered.len()).filter(|&i| cells(i) > threshold && u32::from(problem.field.ceilings[i]) > threshold);
     (sums, captured.count() as u32, covered)

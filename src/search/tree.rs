@@ -44,8 +44,9 @@ impl<'p, 'a> Tree<'p, 'a> {
     pub fn new(problem: &'p Problem<'a>, root: Pose) -> Self {
         let mut scratch = problem.scratch();
         let mut covered = vec![0; problem.field.samples.len()];
-        let Gained { information, captured } = problem.cover(&mut covered, &problem.observe_pose(&root, &mut scratch));
-        let sums = PathSums { information, ..Default::default() };
+        // The root's own image covers, but the sums of Eq. 6 begin with the first leg (k = 2).
+        let Gained { captured, .. } = problem.cover(&mut covered, &problem.observe_pose(&root, &mut scratch));
+        let sums = PathSums::default();
         let objective = problem.objective.value(&sums);
         let root = Node { pose: root, parent: None, children: Vec::new(), sums, objective, captured, covered };
         Self { problem, nodes: vec![root], flyable: HashMap::new(), legs: HashMap::new(), held: 0, scratch }

@@ -2,7 +2,7 @@
 
 use toml::{Table, Value};
 
-use super::{DEFAULT_TOML, Settings};
+use super::{DEFAULT_TOML, MOST_ITERATIONS, Settings};
 
 /// What is wrong with a configuration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -37,10 +37,23 @@ impl Settings {
         self.check_orders()?;
         self.flight.no_fly.iter().try_for_each(|zone| {
             let fault = |reason| Err(SettingsError::Zone { name: zone.name.clone(), reason });
-            if zone.outline_m.len() < 3 {
+            if zone.outline_m.is_empty() == zone.outline_deg.is_empty() {
+                return fault("it needs an outline, either in degrees (`outline_deg`) or in metres (`outline_m`)");
+            }
+            if zone.outline_m.len() + zone.outline_deg.len() < 3 {
                 return fault("its outline needs at least three corners");
             }
-            if !zone.outline_m.iter().flatten().chain([&zone.floor_m, &zone.ceiling_m]).all(|v| v.is_finite()) {
+            if zone.outline_deg.iter().any(|&[lon, lat]| lon.abs() > 180.0 || lat.abs() > 90.0) {
+                return fault("its corners must be longitude and latitude in degrees, in this order");
+            }
+            if !zone
+                .outline_m
+                .iter()
+                .chain(&zone.outline_deg)
+                .flatten()
+                .chain([&zone.floor_m, &zone.ceiling_m])
+                .all(|v| v.is_finite())
+            {
                 return fault("its numbers must be finite");
             }
             if zone.floor_m >= zone.ceiling_m {
@@ -77,6 +90,8 @@ impl Settings {
             ("flight.legal_ceiling_m", flight.legal_ceiling_m, 1.0, 10_000.0),
             ("flight.lateral_margin_m", flight.lateral_margin_m, 0.0, 10_000.0),
             ("field.viewpoints", f64::from(field.viewpoints), 1.0, 1_000_000.0),
+            ("field.most_samples", f64::from(field.most_samples), 1.0, 10_000_000.0),
+            ("field.most_viewpoints", f64::from(field.most_viewpoints), 1.0, 10_000_000.0),
             ("field.max_spacing_m", field.max_spacing_m, 1.0, 1000.0),
             ("field.shell_m", field.shell_m, 1.0, 1000.0),
             ("coverage.theta0_deg", coverage.theta0_deg, 1.0, 89.0),
@@ -93,11 +108,12 @@ impl Settings {
             ("objective.reference_length_m", objective.reference_length_m, 1.0, 1e9),
             ("objective.turn_hairpin_s", objective.turn_hairpin_s, 0.0, 1000.0),
             ("objective.turn_curvature_s", objective.turn_curvature_s, 0.0, 1000.0),
-            ("search.iterations", f64::from(search.iterations), 0.0, 1_000_000.0),
+            ("search.iterations", f64::from(search.iterations), 0.0, f64::from(MOST_ITERATIONS)),
             ("search.neighbour_share", search.neighbour_share, 0.0, 1.0),
             ("search.neighbour_min_m", search.neighbour_min_m, 1.0, 10_000.0),
             ("search.neighbour_max_m", search.neighbour_max_m, 1.0, 10_000.0),
             ("search.neighbours_most", f64::from(search.neighbours_most), 1.0, 1_000_000.0),
+            ("search.memory_mb", f64::from(search.memory_mb), 1.0, 1_000_000.0),
             ("search.image_spacing_m", search.image_spacing_m, 0.5, 1000.0),
             ("search.shutter_interval_s", search.shutter_interval_s, 0.0, 60.0),
             ("daemon.memory_budget_mb", daemon.memory_budget_mb as f64, 1.0, 1e9),

@@ -38,7 +38,7 @@ pub struct Sampling {
 
 /// The spacing at which about `target` samples are exposed, m: 0 when nothing of the scene is; `None` when stopped.
 pub fn choose_spacing_m(scene: &Scene, target: u32, seed: u64, offset_m: f64, stop: &StopToken) -> Option<f64> {
-    let area: f64 = scene.structures.iter().flat_map(|s| s.triangles()).map(|t| area_m2(&t)).sum();
+    let area = scene_area_m2(scene);
     let target = f64::from(target.max(1));
     // A first pass over the whole surface tells which share of it is exposed; the number of samples goes with 1 / spacing^2.
     let trial = Sampling { spacing_m: (area / target).sqrt(), seed, offset_m };
@@ -62,6 +62,11 @@ type Known = (Arc<Structure>, Arc<Vec<Sample>>);
 impl Sampler {
     pub fn new(sampling: Sampling) -> Self {
         Self { sampling, known: Mutex::default() }
+    }
+
+    /// About how many samples the scene will have.
+    pub fn estimate(&self, scene: &Scene) -> f64 {
+        scene_area_m2(scene) / (self.sampling.spacing_m * self.sampling.spacing_m)
     }
 
     pub fn sampling(&self) -> &Sampling {
@@ -207,6 +212,10 @@ fn cut(triangle: Triangle, spacing_m: f64, pieces: &mut Vec<Triangle>) {
     let middle = nalgebra::center(&a, &b);
     cut([a, middle, c], spacing_m, pieces);
     cut([middle, b, c], spacing_m, pieces);
+}
+
+fn scene_area_m2(scene: &Scene) -> f64 {
+    scene.structures.iter().flat_map(|structure| structure.triangles()).map(|triangle| area_m2(&triangle)).sum()
 }
 
 fn area_m2([a, b, c]: &Triangle) -> f64 {

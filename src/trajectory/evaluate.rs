@@ -40,8 +40,8 @@ pub fn capture(snapshot: &Snapshot, rig: &Rig, images: &[Image], stop: &StopToke
     let count = |counts: &dyn Fn(usize) -> bool| (0..cells.len()).filter(|&i| counts(i)).count() as f64;
     let above = |cells: u16| u32::from(cells) > threshold;
     let exposed = count(&|i| field.samples[i].exposed == 1);
-    let capturable = count(&|i| above(field.ceilings[i]));
-    let captured = count(&|i| above(field.ceilings[i]) && above(cells[i]));
+    let capturable = count(&|i| field.is_capturable(i));
+    let captured = count(&|i| field.is_capturable(i) && above(cells[i]));
     Some(Capture {
         captured: captured as u32,
         information: cells.iter().zip(field.samples).map(|(&cells, row)| u64::from(cells) * row.area_mm2).sum(),

@@ -195,6 +195,11 @@ impl<'a> FieldTable<'a> {
         Ok(table)
     }
 
+    /// Whether sample `i` can be captured at all: all viewpoints together cover more than the threshold.
+    pub fn is_capturable(&self, i: usize) -> bool {
+        u32::from(self.ceilings[i]) > self.facts.threshold_cells
+    }
+
     /// The visibility row of viewpoint `j`.
     pub fn row(&self, j: usize) -> &'a [u64] {
         &self.visibility[j * self.words_per_row..(j + 1) * self.words_per_row]

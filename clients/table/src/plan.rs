@@ -39,7 +39,8 @@ pub struct PlanFacts {
     pub revision: u64,
     pub seed: u64,
     pub iterations: u64,
-    /// 0 the coverage goal was reached, 1 the iterations were used up, 2 the search was stopped.
+    /// 0 the coverage goal was reached, 1 the iterations were used up, 2 the search was stopped, 3 its memory was
+    /// used up, 4 nothing more could be reached.
     pub stop: u64,
     pub origin_lat_deg: f64,
     pub origin_lon_deg: f64,

@@ -77,6 +77,8 @@ fn ending(plan: &Plan) -> String {
     match plan.stop {
         StopReason::GoalReached => format!("goal reached after {iterations} iterations"),
         StopReason::IterationsUsed => format!("all {iterations} iterations used"),
+        StopReason::MemoryUsed => format!("memory used up after {iterations} iterations"),
+        StopReason::SpaceExhausted => format!("nothing more to reach after {iterations} iterations"),
         StopReason::Cancelled => format!("stopped after {iterations} iterations"),
     }
 }

@@ -10,20 +10,7 @@ use overfly::scene::edit::Edit;
 use overfly::scene::{Scene, StructureId, Triangle};
 use overfly_table::FieldTable;
 use proptest::prelude::*;
-use support::{session, small_block, small_settings, snapshot};
-
-/// Whether the open segment meets a triangle: plane first, then the corner's areas. Written differently from the planner's own
-/// test on purpose.
-fn crosses(a: &Point3<f64>, b: &Point3<f64>, triangle: &Triangle) -> bool {
-    let normal = (triangle[1] - triangle[0]).cross(&(triangle[2] - triangle[0]));
-    let (side_a, side_b) = (normal.dot(&(a - triangle[0])), normal.dot(&(b - triangle[0])));
-    if side_a * side_b >= 0.0 {
-        return false;
-    }
-    let hit = a + (b - a) * (side_a / (side_a - side_b));
-    let inside = |p: usize, q: usize| (triangle[q] - triangle[p]).cross(&(hit - triangle[p])).dot(&normal) >= 0.0;
-    inside(0, 1) && inside(1, 2) && inside(2, 0)
-}
+use support::{crosses, session, small_block, small_settings, snapshot};
 
 fn triangles(scene: &Scene) -> Vec<Triangle> {
     scene.structures.iter().flat_map(|structure| structure.triangles()).collect()

@@ -4,8 +4,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use nalgebra::Point3;
 use overfly::planner::{PlanOptions, StopToken};
-use overfly::scene::{BlockSettings, Scene, generate_block};
+use overfly::scene::{BlockSettings, Scene, Triangle, generate_block};
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
 
@@ -45,4 +46,17 @@ pub fn real_scene(path: &str) -> Option<PathBuf> {
     }
     println!("skipped: no real scene at {} (set OVERFLY_SCENES)", file.display());
     None
+}
+
+/// Whether the open segment meets a triangle: plane first, then the corner's areas. Written differently from the planner's own
+/// test on purpose.
+pub fn crosses(a: &Point3<f64>, b: &Point3<f64>, triangle: &Triangle) -> bool {
+    let normal = (triangle[1] - triangle[0]).cross(&(triangle[2] - triangle[0]));
+    let (side_a, side_b) = (normal.dot(&(a - triangle[0])), normal.dot(&(b - triangle[0])));
+    if side_a * side_b >= 0.0 {
+        return false;
+    }
+    let hit = a + (b - a) * (side_a / (side_a - side_b));
+    let inside = |p: usize, q: usize| (triangle[q] - triangle[p]).cross(&(hit - triangle[p])).dot(&normal) >= 0.0;
+    inside(0, 1) && inside(1, 2) && inside(2, 0)
 }

@@ -1,6 +1,9 @@
 //! Viewpoints of the field: a jittered lattice through the offset shell around the proxy.
 //!
-//! A cell's viewpoint depends on the cell and on the geometry near it alone, so that an edit moves only viewpoints near by.
+//! A cell's viewpoint depends on the cell and on the geometry near it alone, so that an edit moves only viewpoints near by. Under roofs
+//! it depends on the way out as well.
+
+use std::collections::HashMap;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -41,7 +44,7 @@ pub fn cells(free: &FreeSpace, lattice: &Lattice) -> f64 {
     (free.limits.max - free.limits.min).iter().map(|extent| (extent / lattice.spacing_m).max(0.0) + 2.0).product()
 }
 
-/// All viewpoints of the lattice, in the order of their cells; `None` when stopped.
+/// All viewpoints of the lattice that can be reached from the open sky, in the order of their cells; `None` when stopped.
 pub fn fill(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Vec<Viewpoint>> {
     let cell = |p: &Point3<f64>| ((p - lattice.origin) / lattice.spacing_m).map(|v| v.floor() as i64);
     let (low, high) = (cell(&free.limits.min), cell(&free.limits.max));
@@ -49,14 +52,44 @@ pub fn fill(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Vec
         return Some(Vec::new());
     }
     let columns: Vec<(i64, i64)> = (low.x..=high.x).flat_map(|x| (low.y..=high.y).map(move |y| (x, y))).collect();
-    let column = |&(x, y): &(i64, i64)| -> Option<Vec<Viewpoint>> {
-        (!stop.is_stopped()).then(|| (low.z..=high.z).filter_map(|z| viewpoint(free, lattice, [x, y, z])).collect())
+    let column = |&(x, y): &(i64, i64)| -> Option<Vec<(Cell, Viewpoint)>> {
+        let cells = (low.z..=high.z).map(|z| [x, y, z]);
+        (!stop.is_stopped()).then(|| cells.filter_map(|cell| Some((cell, viewpoint(free, lattice, cell)?))).collect())
     };
-    let filled: Option<Vec<Vec<Viewpoint>>> = columns.par_iter().map(column).collect();
-    filled.map(|columns| columns.concat())
+    let filled: Option<Vec<Vec<(Cell, Viewpoint)>>> = columns.par_iter().map(column).collect();
+    Some(outside(free, filled?.concat()))
 }
 
-fn viewpoint(free: &FreeSpace, lattice: &Lattice, cell: [i64; 3]) -> Option<Viewpoint> {
+/// Indices of a cell of the lattice.
+type Cell = [i64; 3];
+
+/// Only the viewpoints that can be reached from the open sky: a hall is free space too, but no drone gets in.
+///
+/// A viewpoint with nothing above it is outside. Another one is, when a chain of safe legs between neighbouring cells leads to
+/// one that is; these are few, under bridges and overhangs.
+fn outside(free: &FreeSpace, filled: Vec<(Cell, Viewpoint)>) -> Vec<Viewpoint> {
+    let mut is_outside: Vec<bool> = filled.par_iter().map(|(_, viewpoint)| free.sees_the_sky(&viewpoint.position)).collect();
+    let places: HashMap<Cell, usize> = filled.iter().enumerate().map(|(index, (cell, _))| (*cell, index)).collect();
+    let neighbours = |index: usize| {
+        let [x, y, z] = filled[index].0;
+        let offsets = (0..27).map(|k| [k / 9 - 1, k / 3 % 3 - 1, k % 3 - 1]);
+        offsets.filter_map(|[i, j, k]| places.get(&[x + i, y + j, z + k]).copied()).collect::<Vec<_>>()
+    };
+    let joins = |a: usize, b: usize| free.is_leg_safe(&filled[a].1.position, &filled[b].1.position);
+    let covered: Vec<usize> = (0..filled.len()).filter(|&index| !is_outside[index]).collect();
+    let mut queue: Vec<usize> =
+        covered.iter().copied().filter(|&u| neighbours(u).iter().any(|&v| is_outside[v] && joins(u, v))).collect();
+    while let Some(u) = queue.pop() {
+        if std::mem::replace(&mut is_outside[u], true) {
+            continue;
+        }
+        queue.extend(neighbours(u).into_iter().filter(|&v| !is_outside[v] && joins(u, v)));
+    }
+    let kept = filled.into_iter().zip(is_outside).filter(|(_, is_outside)| *is_outside);
+    kept.map(|((_, viewpoint), _)| viewpoint).collect()
+}
+
+fn viewpoint(free: &FreeSpace, lattice: &Lattice, cell: Cell) -> Option<Viewpoint> {
     let position = position(lattice, cell);
     if !free.limits.contains(&position) {
         return None;
@@ -69,7 +102,7 @@ fn viewpoint(free: &FreeSpace, lattice: &Lattice, cell: [i64; 3]) -> Option<View
 }
 
 /// The jittered middle of a cell. Without the jitter, streets along the lattice would be seen from exactly aligned rows.
-fn position(lattice: &Lattice, cell: [i64; 3]) -> Point3<f64> {
+fn position(lattice: &Lattice, cell: Cell) -> Point3<f64> {
     /// Share of the cell over which a viewpoint is spread.
     const JITTER: f64 = 0.7;
     let key = |axis: u64| {
@@ -79,4 +112,45 @@ fn position(lattice: &Lattice, cell: [i64; 3]) -> Point3<f64> {
     let offset = |axis: u64| 0.5 + JITTER * (unit_hash(key(axis)) - 0.5);
     let [x, y, z] = cell.map(|v| v as f64);
     lattice.origin + Vector3::new(x + offset(0), y + offset(1), z + offset(2)) * lattice.spacing_m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Scene, Shape, Structure, StructureId, Triangle};
+    use crate::settings::Settings;
+
+    /// A box 40 m wide and 30 m high, without its roof where `open`. All faces look inwards, as in a careless model, so that the
+    /// winding number finds no inside.
+    fn hall(open: bool) -> Scene {
+        let corner = |x: f64, y: f64, z: f64| Point3::new(x * 40.0, y * 40.0, z * 30.0);
+        let quad = |[a, b, c, d]: [Point3<f64>; 4]| [[a, c, b], [a, d, c]];
+        let mut quads = vec![
+            quad([corner(0., 0., 0.), corner(1., 0., 0.), corner(1., 0., 1.), corner(0., 0., 1.)]),
+            quad([corner(1., 0., 0.), corner(1., 1., 0.), corner(1., 1., 1.), corner(1., 0., 1.)]),
+            quad([corner(1., 1., 0.), corner(0., 1., 0.), corner(0., 1., 1.), corner(1., 1., 1.)]),
+            quad([corner(0., 1., 0.), corner(0., 0., 0.), corner(0., 0., 1.), corner(0., 1., 1.)]),
+        ];
+        if !open {
+            quads.push(quad([corner(0., 0., 1.), corner(1., 0., 1.), corner(1., 1., 1.), corner(0., 1., 1.)]));
+        }
+        let triangles: Vec<Triangle> = quads.concat();
+        let structure = Structure { id: StructureId::of_name("hall"), name: "hall".into(), shape: Shape::Mesh { triangles } };
+        Scene { name: "hall".into(), frame: Default::default(), structures: vec![structure.into()], zones: vec![] }
+    }
+
+    #[test]
+    fn a_closed_hall_holds_no_viewpoint_and_an_open_court_does() {
+        let settings = Settings::default();
+        for (open, expected) in [(false, false), (true, true)] {
+            let scene = hall(open);
+            let free = FreeSpace::new(&scene, &settings.flight).expect("there are no zones");
+            let lattice = Lattice { origin: Point3::new(-60.0, -60.0, 0.0), spacing_m: 6.0, shell_m: 25.0, seed: 1 };
+            let viewpoints = fill(&free, &lattice, &StopToken::default()).expect("nobody stops it");
+            let within = |v: &Viewpoint| (0.0..40.0).contains(&v.position.x) && (0.0..40.0).contains(&v.position.y);
+            let inside = viewpoints.iter().filter(|v| within(v) && v.position.z < 25.0).count();
+            assert_eq!(inside > 0, expected, "open: {open}, {inside} viewpoints inside");
+            assert!(viewpoints.len() > 100);
+        }
+    }
 }

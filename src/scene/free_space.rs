@@ -20,6 +20,8 @@ pub struct FreeSpace {
     /// The box of admissible positions, m: lateral limits and altitudes.
     pub limits: Bounds,
     pub safety_distance_m: f64,
+    /// Height of the tallest structure, m.
+    top_m: f64,
 }
 
 /// Why a position or a leg cannot be flown.
@@ -62,6 +64,7 @@ impl FreeSpace {
             structures,
             zones,
             safety_distance_m: settings.safety_distance_m,
+            top_m: scene.bounds().map_or(0.0, |bounds| bounds.max.z),
         })
     }
 
@@ -118,6 +121,11 @@ impl FreeSpace {
         self.clearance.keeps_distance(a, b, self.safety_distance_m)
             && !self.zones.iter().any(|zone| zone.meets(a, b))
             && self.structure_along(a, b).is_none()
+    }
+
+    /// Whether nothing stands above `p`.
+    pub fn sees_the_sky(&self, p: &Point3<f64>) -> bool {
+        !self.clearance.occluded(p, &Point3::new(p.x, p.y, self.top_m + 1.0))
     }
 
     /// The structure that holds `p` inside, if any.

@@ -591,6 +591,22 @@ mod tests {
     }
 
     #[test]
+    fn members_come_in_any_order_and_the_unknown_is_passed_over() {
+        let ring = "[[4,52],[4.0001,52],[4.0001,52.0001],[4,52]]";
+        let feature = format!(
+            r#""geometry":{{"x":[[]],"coordinates":[{ring}],"bbox":[1,{{}}],"type":"Polygon"}},"properties":{{"y":{{"height":7}},"height":9}}"#
+        );
+        let collection = format!(r#"{{"z":[1,[2]],"features":[{{{feature},"type":"Feature"}}],"type":"FeatureCollection"}}"#);
+        let alone = format!(r#"{{{feature},"type":"Feature"}}"#);
+        let nested = collection.replace(r#""type":"Polygon"}"#, r#""type":"Polygon"}],"type":"GeometryCollection"}"#);
+        let nested = nested.replace(r#""geometry":"#, r#""geometry":{"geometries":["#);
+        for text in [collection, alone, nested] {
+            let (scene, report) = read("town.geojson", text.as_bytes(), &Settings::default().proxy).expect(&text);
+            assert_eq!((scene.structures.len(), report.tallest_m, report.items.len()), (1, 9.0, 0), "{text}");
+        }
+    }
+
+    #[test]
     fn too_many_features_are_refused_and_counted() {
         let text = |count: usize| format!("{{\"type\":\"FeatureCollection\",\"features\":[{}0]}}", "0,".repeat(count - 1));
         let read_text = |text: String| read("town.geojson", text.as_bytes(), &Settings::default().proxy).unwrap_err();

@@ -69,7 +69,7 @@ impl Session {
 
     /// Changes the scene and counts the revision up; a refused edit changes nothing.
     pub fn apply(&mut self, edit: &Edit) -> Result<DirtyRegion, EditError> {
-        let (scene, dirty) = self.scene.edited(edit)?;
+        let (scene, dirty) = self.scene.edited(edit, &self.settings.proxy)?;
         self.scene = Arc::new(scene);
         self.revision += 1;
         Ok(dirty)

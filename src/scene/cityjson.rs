@@ -1,18 +1,21 @@
 //! CityJSON 1.0, 1.1 and 2.0: buildings, bridges and other constructions at their highest level of detail.
 //!
 //! A Building with its parts and installations is one structure, named by the Building. Only the outer shell of a solid is taken.
-//! Walls that the file leaves out between terraced houses are filled in, so that a house has an inside. The ground plane is the median of the structures' lowest points. Where the reference system is known, the grid is turned to true
-//! north and scaled to true metres, so that the local frame is east-north-up at the middle of the scene.
+//! Walls that the file leaves out between terraced houses are filled in, so that a house has an inside. The ground plane is the
+//! median of the structures' lowest points. Where the reference system is known, the grid is turned to true north and scaled to
+//! true metres, so that the local frame is east-north-up at the middle of the scene.
 
 use std::collections::BTreeMap;
 
 use nalgebra::Point3;
-use serde::Deserialize;
+use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
 use super::close;
 use super::crs::{self, Placement, Unplaced};
 use super::faces;
+use super::json::{Intake, Into, Scalar};
 use super::meshes::{self, RawMesh};
 use super::names::tidy;
 use super::proxy::Scene;
@@ -41,14 +44,19 @@ const MOST_GENERATIONS: usize = 16;
 #[derive(Deserialize)]
 struct CityModel {
     #[serde(default)]
-    version: Value,
+    version: Scalar,
     #[serde(default)]
-    metadata: Value,
+    metadata: Metadata,
     transform: Option<Transform>,
     #[serde(rename = "CityObjects", default)]
     objects: BTreeMap<String, CityObject>,
     #[serde(default)]
     vertices: Vec<[f64; 3]>,
+}
+
+#[derive(Default)]
+struct Metadata {
+    reference_system: Scalar,
 }
 
 #[derive(Deserialize)]
@@ -61,18 +69,139 @@ struct Transform {
 struct CityObject {
     #[serde(rename = "type", default)]
     kind: String,
-    geometry: Option<Vec<CityGeometry>>,
+    #[serde(default)]
+    geometry: Geometries,
     parents: Option<Vec<String>>,
 }
 
-#[derive(Deserialize)]
+/// The geometries of an object that name their level of detail; the others are never used.
+#[derive(Default)]
+struct Geometries(Vec<CityGeometry>);
+
 struct CityGeometry {
-    #[serde(rename = "type", default)]
     kind: String,
-    #[serde(default)]
-    lod: Value,
-    #[serde(default)]
-    boundaries: Value,
+    level: f64,
+    boundaries: Boundaries,
+}
+
+/// Nested lists of vertex indices.
+#[derive(Default)]
+struct Boundaries {
+    root: Lists,
+    /// The first thing that is neither a list nor an index.
+    bad: Option<String>,
+}
+
+enum Lists {
+    Ring(Vec<u32>),
+    Nested(Vec<Lists>),
+}
+
+impl Default for Lists {
+    fn default() -> Self {
+        Self::Nested(Vec::new())
+    }
+}
+
+impl Lists {
+    fn parts(&self) -> &[Lists] {
+        match self {
+            Self::Ring(_) => &[],
+            Self::Nested(parts) => parts,
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Metadata {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        read_into(deserializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Geometries {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        read_into(deserializer)
+    }
+}
+
+fn read_into<'de, T: Intake + Default, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
+    let mut value = T::default();
+    Into(&mut value).deserialize(deserializer)?;
+    Ok(value)
+}
+
+impl Intake for Metadata {
+    fn member<'de, A: MapAccess<'de>>(&mut self, key: &str, members: &mut A) -> Result<(), A::Error> {
+        match key {
+            "referenceSystem" => self.reference_system = members.next_value()?,
+            _ => drop(members.next_value::<IgnoredAny>()?),
+        }
+        Ok(())
+    }
+}
+
+impl Intake for Geometries {
+    fn element<'de, A: SeqAccess<'de>>(&mut self, list: &mut A) -> Result<bool, A::Error> {
+        let mut geometry = GeometryReader::default();
+        let more = list.next_element_seed(Into(&mut geometry))?.is_some();
+        let GeometryReader { kind, level, boundaries } = geometry;
+        self.0.extend(level.map(|level| CityGeometry { kind, level, boundaries }));
+        Ok(more)
+    }
+}
+
+#[derive(Default)]
+struct GeometryReader {
+    kind: String,
+    level: Option<f64>,
+    boundaries: Boundaries,
+}
+
+impl Intake for GeometryReader {
+    fn member<'de, A: MapAccess<'de>>(&mut self, key: &str, members: &mut A) -> Result<(), A::Error> {
+        match key {
+            "type" => self.kind = members.next_value::<Scalar>()?.text().map(tidy).unwrap_or_default(),
+            "lod" => self.level = level(&members.next_value::<Scalar>()?.0),
+            "boundaries" => {
+                self.boundaries = Boundaries::default();
+                let Boundaries { root, bad } = &mut self.boundaries;
+                members.next_value_seed(Into(&mut ListReader { lists: root, bad, number: None }))?;
+            }
+            _ => drop(members.next_value::<IgnoredAny>()?),
+        }
+        Ok(())
+    }
+}
+
+/// A list of lists or of indices while it is read.
+struct ListReader<'a> {
+    lists: &'a mut Lists,
+    bad: &'a mut Option<String>,
+    number: Option<f64>,
+}
+
+impl Intake for ListReader<'_> {
+    fn number(&mut self, number: f64) {
+        self.number = Some(number);
+    }
+
+    fn element<'de, A: SeqAccess<'de>>(&mut self, list: &mut A) -> Result<bool, A::Error> {
+        let mut lists = Lists::default();
+        let mut element = ListReader { lists: &mut lists, bad: self.bad, number: None };
+        if list.next_element_seed(Into(&mut element))?.is_none() {
+            return Ok(false);
+        }
+        let number = element.number;
+        let index = number.filter(|number| number.fract() == 0.0 && (0.0..f64::from(u32::MAX)).contains(number));
+        match (&mut *self.lists, number, index) {
+            (Lists::Ring(ring), _, Some(index)) => ring.push(index as u32),
+            (Lists::Nested(parts), _, Some(index)) if parts.is_empty() => *self.lists = Lists::Ring(vec![index as u32]),
+            (Lists::Nested(parts), None, None) => parts.push(lists),
+            (_, Some(number), _) => *self.bad = self.bad.take().or(Some(number.to_string())),
+            (_, None, _) => *self.bad = self.bad.take().or(Some("a list".into())),
+        }
+        Ok(true)
+    }
 }
 
 pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(Scene, ImportReport), ImportError> {
@@ -104,7 +233,7 @@ pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result
 }
 
 fn note_version(model: &CityModel, report: &mut ImportReport) {
-    let version = model.version.as_str().unwrap_or("(none)");
+    let version = model.version.text().unwrap_or("(none)");
     if !["1.0", "1.1", "2.0"].iter().any(|known| version.starts_with(known)) {
         report.notes.push(format!("CityJSON version {:?} is not known: read as 2.0", tidy(version)));
     }
@@ -125,7 +254,7 @@ fn families<'a>(model: &'a CityModel, report: &mut ImportReport) -> BTreeMap<&'a
         if TAKEN.contains(&object.kind.as_str()) {
             families.entry(ancestor(model, key, object)).or_default().push((key, object));
         } else {
-            *report.ignored.entry(tidy(&object.kind)).or_default() += 1;
+            report.ignore(tidy(&object.kind));
         }
     }
     families
@@ -159,7 +288,7 @@ fn mesh(
     report: &mut ImportReport,
 ) -> Result<RawMesh, ImportError> {
     let mut mesh = RawMesh { name: tidy(root), place: Place::Object(tidy(root)), triangles: Vec::new(), degenerate: 0 };
-    let detail = |object: &CityObject| object.geometry.iter().flatten().filter_map(level).fold(0.0, f64::max);
+    let detail = |object: &CityObject| object.geometry.0.iter().map(|geometry| geometry.level).fold(0.0, f64::max);
     let parts_detail = members.iter().filter(|(key, _)| *key != root).map(|(_, object)| detail(object)).fold(0.0, f64::max);
     for (key, object) in members {
         let own = detail(object);
@@ -167,9 +296,12 @@ fn mesh(
         if *key == root && own < parts_detail {
             continue;
         }
-        for geometry in object.geometry.iter().flatten().filter(|geometry| own >= 1.0 && level(geometry) == Some(own)) {
+        for geometry in object.geometry.0.iter().filter(|geometry| own >= 1.0 && geometry.level == own) {
+            if let Some(bad) = &geometry.boundaries.bad {
+                return Err(no_vertex(file, key, bad, vertices));
+            }
             let mut surfaces = Vec::new();
-            if !gather(&geometry.kind, &geometry.boundaries, &mut surfaces) {
+            if !gather(&geometry.kind, &geometry.boundaries.root, &mut surfaces) {
                 let done = format!("a geometry of type {:?} is not read", tidy(&geometry.kind));
                 report.add(&mesh.name, Place::Object(tidy(key)), ItemKind::PartsDropped, done);
             }
@@ -182,8 +314,8 @@ fn mesh(
 }
 
 /// The level of detail as a number: 2, "2" and "2.2" occur.
-fn level(geometry: &CityGeometry) -> Option<f64> {
-    let level = match &geometry.lod {
+fn level(lod: &Value) -> Option<f64> {
+    let level = match lod {
         Value::Number(number) => number.as_f64(),
         Value::String(text) => text.trim().parse().ok(),
         _ => None,
@@ -192,12 +324,12 @@ fn level(geometry: &CityGeometry) -> Option<f64> {
 }
 
 /// Collects the surfaces (lists of rings) of a geometry; says whether its type is one that has them.
-fn gather<'a>(kind: &str, boundaries: &'a Value, surfaces: &mut Vec<&'a Vec<Value>>) -> bool {
-    let parts = || boundaries.as_array().into_iter().flatten();
+fn gather<'a>(kind: &str, boundaries: &'a Lists, surfaces: &mut Vec<&'a [Lists]>) -> bool {
+    let parts = boundaries.parts();
     match kind {
-        "MultiSurface" | "CompositeSurface" => surfaces.extend(parts().filter_map(Value::as_array)),
-        "Solid" => surfaces.extend(parts().take(1).filter_map(Value::as_array).flatten().filter_map(Value::as_array)),
-        "MultiSolid" | "CompositeSolid" => return parts().all(|solid| gather("Solid", solid, surfaces)),
+        "MultiSurface" | "CompositeSurface" => surfaces.extend(parts.iter().map(Lists::parts)),
+        "Solid" => surfaces.extend(parts.first().into_iter().flat_map(Lists::parts).map(Lists::parts)),
+        "MultiSolid" | "CompositeSolid" => return parts.iter().all(|solid| gather("Solid", solid, surfaces)),
         _ => return false,
     }
     true
@@ -206,23 +338,18 @@ fn gather<'a>(kind: &str, boundaries: &'a Value, surfaces: &mut Vec<&'a Vec<Valu
 fn add_surface(
     file: &str,
     object: &str,
-    surface: &[Value],
+    surface: &[Lists],
     vertices: &[Point3<f64>],
     mesh: &mut RawMesh,
 ) -> Result<(), ImportError> {
     let mut rings = Vec::with_capacity(surface.len());
     for ring in surface {
-        let mut points = Vec::new();
-        for index in ring.as_array().into_iter().flatten() {
-            let vertex = index.as_u64().and_then(|index| vertices.get(usize::try_from(index).ok()?));
-            points.push(*vertex.ok_or_else(|| ImportError::VertexIndex {
-                file: file.into(),
-                object: tidy(object),
-                index: tidy(&index.to_string()),
-                vertices: vertices.len(),
-            })?);
-        }
-        rings.push(points);
+        let indices: &[u32] = if let Lists::Ring(indices) = ring { indices } else { &[] };
+        let vertex = |index: &u32| {
+            let vertex = vertices.get(*index as usize).copied();
+            vertex.ok_or_else(|| no_vertex(file, object, &index.to_string(), vertices))
+        };
+        rings.push(indices.iter().map(vertex).collect::<Result<Vec<_>, _>>()?);
     }
     match faces::triangulate(&rings) {
         Some(triangles) => mesh.triangles.extend(triangles),
@@ -231,13 +358,17 @@ fn add_surface(
     Ok(())
 }
 
+fn no_vertex(file: &str, object: &str, index: &str, vertices: &[Point3<f64>]) -> ImportError {
+    ImportError::VertexIndex { file: file.into(), object: tidy(object), index: index.into(), vertices: vertices.len() }
+}
+
 /// Moves the meshes to the local frame: the middle of their box becomes the origin, the ground z = 0.
 fn to_local(file: &str, model: &CityModel, meshes: &mut [RawMesh], report: &mut ImportReport) -> Result<LocalFrame, ImportError> {
     let Some(bounds) = meshes::bounds(meshes) else { return Ok(LocalFrame::default()) };
     let ground = meshes::ground(meshes);
     let middle = nalgebra::center(&bounds.min, &bounds.max);
     let origin = Point3::new(middle.x, middle.y, ground);
-    report.epsg = model.metadata.get("referenceSystem").and_then(crs::epsg_code);
+    report.epsg = crs::epsg_code(&model.metadata.reference_system.0);
     let placement = match report.epsg.map(|epsg| (epsg, crs::place(epsg, origin))) {
         Some((_, Ok(placement))) => Some(placement),
         Some((epsg, Err(Unplaced::Geographic))) => return Err(ImportError::Geographic { file: file.into(), epsg }),

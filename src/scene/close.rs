@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::faces;
 use super::orient;
@@ -93,9 +93,7 @@ fn walk(start: usize, next: &mut BTreeMap<usize, Vec<usize>>) -> Option<Vec<Vec<
 /// The face of an opening that is upright, flat and not tiny.
 fn wall(ring: Vec<Point3<f64>>) -> Option<Vec<Triangle>> {
     let origin = *ring.first()?;
-    let doubled: Vector3<f64> =
-        ring.iter().zip(ring.iter().cycle().skip(1)).map(|(a, b)| (a - origin).cross(&(b - origin))).sum();
-    let normal = doubled.try_normalize(2.0 * LEAST_AREA_M2)?;
+    let normal = faces::newell_normal(&ring).try_normalize(2.0 * LEAST_AREA_M2)?;
     let flat = ring.iter().all(|corner| (corner - origin).dot(&normal).abs() < FLATNESS_M);
     if normal.z.abs() > UPRIGHT || !flat {
         return None;

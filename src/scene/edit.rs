@@ -9,15 +9,10 @@ use super::footprint;
 use super::proxy::{Scene, Shape, Structure, StructureId};
 use super::report::ItemKind;
 use super::solid::Bounds;
-
-/// No structure may end higher, m above ground.
-const HIGHEST_TOP_M: f64 = 1000.0;
+use crate::settings::ProxySettings;
 
 /// No structure may be less tall after an edit, m.
 const LEAST_HEIGHT_M: f64 = 1.0;
-
-/// Nothing is moved or added farther out, m.
-const FARTHEST_M: f64 = 20_000.0;
 
 /// One change of the proxy.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,37 +58,40 @@ pub enum EditError {
     UnknownStructure { scene: String, id: StructureId },
     #[error("{name:?} cannot be raised or lowered by {by_m} m: give a number above 0")]
     Amount { name: String, by_m: f64 },
-    #[error("{name:?} would end {top_m} m above ground, over the limit of {HIGHEST_TOP_M} m: raise it less")]
-    TooTall { name: String, top_m: f64 },
+    #[error(
+        "{name:?} would end {top_m} m above ground, over the limit of {limit_m} m: raise it less, or raise `proxy.max_height_m`"
+    )]
+    TooTall { name: String, top_m: f64, limit_m: f64 },
     #[error("{name:?} is {height_m} m tall and would be below {LEAST_HEIGHT_M} m: lower it less, or remove it")]
     TooLow { name: String, height_m: f64 },
-    #[error("{name:?} cannot be moved by ({}, {}) m: give finite distances that keep it within {FARTHEST_M} m of the origin", .by_m[0], .by_m[1])]
-    Distance { name: String, by_m: [f64; 2] },
+    #[error("{name:?} cannot be moved by ({}, {}) m: give finite distances that keep it within {limit_m} m of the origin (`proxy.max_extent_m`)", .by_m[0], .by_m[1])]
+    Distance { name: String, by_m: [f64; 2], limit_m: f64 },
     #[error("a structure cannot be added without a name: give one")]
     NoName,
     #[error("scene {scene:?} already has a structure {name:?}: give another name")]
     NameTaken { scene: String, name: String },
     #[error(
-        "{name:?} cannot stand between {base_m} m and {top_m} m: its base must not lie below the ground, its top must lie at least {LEAST_HEIGHT_M} m above the base and at most {HIGHEST_TOP_M} m up"
+        "{name:?} cannot stand between {base_m} m and {top_m} m: its base must not lie below the ground, its top must lie at least {LEAST_HEIGHT_M} m above the base and at most {limit_m} m up (`proxy.max_height_m`)"
     )]
-    Heights { name: String, base_m: f64, top_m: f64 },
+    Heights { name: String, base_m: f64, top_m: f64, limit_m: f64 },
     #[error(
-        "the outline of {name:?} cannot be used: {problem}; give at least three corners of a polygon that does not cross itself, within {FARTHEST_M} m of the origin"
+        "the outline of {name:?} cannot be used: {problem}; give at least three corners of a polygon that does not cross itself, within {limit_m} m of the origin (`proxy.max_extent_m`)"
     )]
-    Outline { name: String, problem: String },
+    Outline { name: String, problem: String, limit_m: f64 },
     #[error("{name:?} is the last structure of scene {scene:?}: a scene needs at least one")]
     LastStructure { scene: String, name: String },
 }
 
 impl Scene {
-    /// The scene after `edit`, and the region in which it differs from this one.
-    pub fn edited(&self, edit: &Edit) -> Result<(Scene, DirtyRegion), EditError> {
+    /// The scene after `edit`, and the region in which it differs from this one. `limits` holds for edits as for
+    /// files: the greatest height and the greatest distance from the origin.
+    pub fn edited(&self, edit: &Edit, limits: &ProxySettings) -> Result<(Scene, DirtyRegion), EditError> {
         match edit {
-            Edit::Raise { id, by_m } => self.with_top_moved(*id, *by_m, 1.0),
-            Edit::Lower { id, by_m } => self.with_top_moved(*id, *by_m, -1.0),
+            Edit::Raise { id, by_m } => self.with_top_moved(*id, *by_m, 1.0, limits.max_height_m),
+            Edit::Lower { id, by_m } => self.with_top_moved(*id, *by_m, -1.0, limits.max_height_m),
             Edit::Remove { id } => self.without(*id),
-            Edit::Add { name, footprint, base_m, top_m } => self.with_prism(name, footprint, *base_m, *top_m),
-            Edit::Move { id, by_m } => self.with_place_moved(*id, *by_m),
+            Edit::Add { name, footprint, base_m, top_m } => self.with_prism(name, footprint, [*base_m, *top_m], limits),
+            Edit::Move { id, by_m } => self.with_place_moved(*id, *by_m, limits.max_extent_m),
         }
     }
 
@@ -119,7 +117,7 @@ impl Scene {
             .map_err(|_| EditError::UnknownStructure { scene: self.name.clone(), id })
     }
 
-    fn with_top_moved(&self, id: StructureId, by_m: f64, sign: f64) -> Result<(Scene, DirtyRegion), EditError> {
+    fn with_top_moved(&self, id: StructureId, by_m: f64, sign: f64, limit_m: f64) -> Result<(Scene, DirtyRegion), EditError> {
         let index = self.position(id)?;
         let structure = &self.structures[index];
         let name = structure.name.clone();
@@ -132,22 +130,22 @@ impl Scene {
         if sign < 0.0 && new_height_m < LEAST_HEIGHT_M {
             return Err(EditError::TooLow { name, height_m });
         }
-        if sign > 0.0 && bounds.min.z + new_height_m > HIGHEST_TOP_M {
-            return Err(EditError::TooTall { name, top_m: bounds.min.z + new_height_m });
+        if sign > 0.0 && bounds.min.z + new_height_m > limit_m {
+            return Err(EditError::TooTall { name, top_m: bounds.min.z + new_height_m, limit_m });
         }
         let shape = stretched(&structure.shape, bounds.min.z, height_m, new_height_m);
         Ok(self.with_shape(index, shape))
     }
 
-    fn with_place_moved(&self, id: StructureId, by_m: [f64; 2]) -> Result<(Scene, DirtyRegion), EditError> {
+    fn with_place_moved(&self, id: StructureId, by_m: [f64; 2], limit_m: f64) -> Result<(Scene, DirtyRegion), EditError> {
         let index = self.position(id)?;
         let structure = &self.structures[index];
         let shift = Vector3::new(by_m[0], by_m[1], 0.0);
         let bounds = structure.bounds();
         let reach = [bounds.min + shift, bounds.max + shift];
         // Written so that NaN is refused too.
-        if !reach.iter().all(|corner| corner.x.abs() <= FARTHEST_M && corner.y.abs() <= FARTHEST_M) {
-            return Err(EditError::Distance { name: structure.name.clone(), by_m });
+        if !reach.iter().all(|corner| corner.x.abs() <= limit_m && corner.y.abs() <= limit_m) {
+            return Err(EditError::Distance { name: structure.name.clone(), by_m, limit_m });
         }
         let shape = match &structure.shape {
             Shape::Prism { footprint, base_m, top_m } => {
@@ -176,8 +174,8 @@ impl Scene {
         &self,
         name: &str,
         footprint: &Polygon<f64>,
-        base_m: f64,
-        top_m: f64,
+        [base_m, top_m]: [f64; 2],
+        limits: &ProxySettings,
     ) -> Result<(Scene, DirtyRegion), EditError> {
         if name.trim().is_empty() {
             return Err(EditError::NoName);
@@ -187,10 +185,15 @@ impl Scene {
             return Err(EditError::NameTaken { scene: self.name.clone(), name: name.to_owned() });
         };
         // Written so that NaN is refused too.
-        if !(base_m >= 0.0 && top_m - base_m >= LEAST_HEIGHT_M && top_m <= HIGHEST_TOP_M) {
-            return Err(EditError::Heights { name: name.to_owned(), base_m, top_m });
+        if !(base_m >= 0.0 && top_m - base_m >= LEAST_HEIGHT_M && top_m <= limits.max_height_m) {
+            return Err(EditError::Heights { name: name.to_owned(), base_m, top_m, limit_m: limits.max_height_m });
         }
-        let shape = prism(footprint, base_m, top_m).map_err(|problem| EditError::Outline { name: name.to_owned(), problem })?;
+        let limit_m = limits.max_extent_m;
+        let shape = prism(footprint, [base_m, top_m], limit_m).map_err(|problem| EditError::Outline {
+            name: name.to_owned(),
+            problem,
+            limit_m,
+        })?;
         let structure = Structure { id, name: name.to_owned(), shape };
         let bounds = structure.bounds();
         let mut scene = self.clone();
@@ -224,9 +227,9 @@ fn stretched(shape: &Shape, base_m: f64, height_m: f64, new_height_m: f64) -> Sh
 }
 
 /// A prism over an outline that needs no repair beyond closing and turning its rings.
-fn prism(outline: &Polygon<f64>, base_m: f64, top_m: f64) -> Result<Shape, String> {
+fn prism(outline: &Polygon<f64>, [base_m, top_m]: [f64; 2], limit_m: f64) -> Result<Shape, String> {
     let corners = || outline.exterior().coords().chain(outline.interiors().iter().flat_map(|hole| hole.coords()));
-    if !corners().all(|corner| corner.x.abs() <= FARTHEST_M && corner.y.abs() <= FARTHEST_M) {
+    if !corners().all(|corner| corner.x.abs() <= limit_m && corner.y.abs() <= limit_m) {
         return Err("a corner is not finite or too far away".into());
     }
     let mut repairs = Vec::new();
@@ -249,6 +252,7 @@ mod tests {
 
     use super::*;
     use crate::scene::{BlockSettings, generate_block};
+    use crate::settings::Settings;
 
     /// A generated block in which every third structure is a mesh.
     fn block() -> Scene {
@@ -258,6 +262,10 @@ mod tests {
             *structure = Arc::new(Structure { shape, ..Structure::clone(structure) });
         }
         scene
+    }
+
+    fn limits() -> ProxySettings {
+        Settings::default().proxy
     }
 
     fn corners(structure: &Structure) -> Vec<Point3<f64>> {
@@ -285,10 +293,10 @@ mod tests {
         fn raise_then_lower_gives_the_scene_back((index, by_m, _) in edits()) {
             let scene = block();
             let id = scene.structures[index].id;
-            let (raised, _) = scene.edited(&Edit::Raise { id, by_m }).unwrap();
+            let (raised, _) = scene.edited(&Edit::Raise { id, by_m }, &limits()).unwrap();
             let top_m = |scene: &Scene| scene.structure(id).unwrap().bounds().max.z;
             prop_assert!((top_m(&raised) - top_m(&scene) - by_m).abs() < 1e-9);
-            let (back, _) = raised.edited(&Edit::Lower { id, by_m }).unwrap();
+            let (back, _) = raised.edited(&Edit::Lower { id, by_m }, &limits()).unwrap();
             assert_near(scene.structure(id).unwrap(), back.structure(id).unwrap());
         }
 
@@ -304,7 +312,7 @@ mod tests {
                 (id, Edit::Move { id, by_m: way }),
                 (added, Edit::Add { name: "new".into(), footprint: square.clone(), base_m: 0.0, top_m: 20.0 }),
             ] {
-                let (edited, region) = scene.edited(&edit).unwrap();
+                let (edited, region) = scene.edited(&edit, &limits()).unwrap();
                 prop_assert!(edited.structures.is_sorted_by(|a, b| a.id < b.id));
                 for structure in scene.structures.iter().filter(|structure| structure.id != touched) {
                     prop_assert!(Arc::ptr_eq(structure, edited.structure(structure.id).unwrap()));
@@ -319,8 +327,8 @@ mod tests {
         fn a_move_there_and_back_gives_the_scene_back((index, _, way) in edits()) {
             let scene = block();
             let id = scene.structures[index].id;
-            let (moved, _) = scene.edited(&Edit::Move { id, by_m: way }).unwrap();
-            let (back, _) = moved.edited(&Edit::Move { id, by_m: way.map(|way| -way) }).unwrap();
+            let (moved, _) = scene.edited(&Edit::Move { id, by_m: way }, &limits()).unwrap();
+            let (back, _) = moved.edited(&Edit::Move { id, by_m: way.map(|way| -way) }, &limits()).unwrap();
             assert_near(scene.structure(id).unwrap(), back.structure(id).unwrap());
         }
     }
@@ -363,12 +371,24 @@ mod tests {
             add("a", &Polygon::empty(), 0.0, 10.0),
         ];
         for edit in refused {
-            let error = scene.edited(&edit).expect_err(&format!("{edit:?}"));
+            let error = scene.edited(&edit, &limits()).expect_err(&format!("{edit:?}"));
             assert!(error.to_string().len() > 30, "{error}");
         }
         let alone = Scene { structures: scene.structures[..1].to_vec(), ..scene.clone() };
-        assert!(matches!(alone.edited(&Edit::Remove { id }), Err(EditError::LastStructure { .. })));
-        assert!(scene.edited(&Edit::Lower { id, by_m: height_m - 1.0 }).is_ok());
+        assert!(matches!(alone.edited(&Edit::Remove { id }, &limits()), Err(EditError::LastStructure { .. })));
+        assert!(scene.edited(&Edit::Lower { id, by_m: height_m - 1.0 }, &limits()).is_ok());
+    }
+
+    #[test]
+    fn the_limits_are_those_of_the_settings() {
+        let scene = block();
+        let id = scene.structures[0].id;
+        let high = ProxySettings { max_height_m: 2000.0, max_extent_m: 60_000.0, ..limits() };
+        for edit in [Edit::Raise { id, by_m: 1500.0 }, Edit::Move { id, by_m: [50_000.0, 0.0] }] {
+            let error = scene.edited(&edit, &limits()).unwrap_err();
+            assert!(error.to_string().contains("`proxy.max_"), "{error}");
+            assert!(scene.edited(&edit, &high).is_ok());
+        }
     }
 
     #[test]

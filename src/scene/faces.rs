@@ -41,8 +41,8 @@ fn without_repeats(ring: &[Point3<f64>]) -> Vec<Point3<f64>> {
 }
 
 /// Twice the area along the normal (Newell's method), about the first corner so that far coordinates lose nothing.
-fn newell_normal(ring: &[Point3<f64>]) -> Vector3<f64> {
-    let origin = ring[0];
+pub(crate) fn newell_normal(ring: &[Point3<f64>]) -> Vector3<f64> {
+    let origin = ring.first().copied().unwrap_or_default();
     ring.iter().zip(ring.iter().cycle().skip(1)).map(|(a, b)| (a - origin).cross(&(b - origin))).sum()
 }
 

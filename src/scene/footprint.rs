@@ -19,7 +19,7 @@ const LEAST_AREA_M2: f64 = 0.01;
 const AREA_TOLERANCE: f64 = 1e-6;
 
 /// Footprints of more corners are left out: resolving the crossings of a hostile ring takes the square of its corners.
-const MOST_CORNERS: usize = 2000;
+pub(crate) const MOST_CORNERS: usize = 2000;
 
 /// A repair and what it did, in words.
 pub(crate) type Repair = (ItemKind, String);
@@ -60,8 +60,9 @@ pub(crate) fn repair_closed(polygons: &[Polygon<f64>], repairs: &mut Vec<Repair>
     repair(&raw, repairs)
 }
 
+/// Defects of rings that are mended, counted.
 #[derive(Default)]
-struct RingCounts {
+pub(crate) struct RingCounts {
     open: usize,
     duplicates: usize,
     spikes: usize,
@@ -69,7 +70,7 @@ struct RingCounts {
 }
 
 impl RingCounts {
-    fn tell(&self, repairs: &mut Vec<Repair>) {
+    pub fn tell(&self, repairs: &mut Vec<Repair>) {
         if self.open > 0 {
             repairs.push((ItemKind::OpenRing, format!("{} open rings closed", self.open)));
         }
@@ -103,7 +104,7 @@ fn repair_polygon(rings: &RawPolygon, counts: &mut RingCounts, repairs: &mut Vec
 }
 
 /// The ring closed, without repeated vertices and spikes; `None` when fewer than three corners are left.
-fn clean_ring(ring: &[Coord<f64>], counts: &mut RingCounts) -> Option<Vec<Coord<f64>>> {
+pub(crate) fn clean_ring(ring: &[Coord<f64>], counts: &mut RingCounts) -> Option<Vec<Coord<f64>>> {
     let mut corners = ring.to_vec();
     if corners.len() > 1 && corners.first() == corners.last() {
         corners.pop();
@@ -166,14 +167,15 @@ fn is_spike(a: Coord<f64>, tip: Coord<f64>, b: Coord<f64>) -> bool {
     distance_m <= SAME_POINT_M
 }
 
+/// How a ring should run in the file.
 #[derive(Clone, Copy, PartialEq)]
-enum Winding {
+pub(crate) enum Winding {
     CounterClockwise,
     Clockwise,
 }
 
 /// The area that a ring encloses. `expected` is how it should run in the file; the result is oriented as a footprint.
-fn uncrossed(
+pub(crate) fn uncrossed(
     corners: Vec<Coord<f64>>,
     expected: Winding,
     counts: &mut RingCounts,
@@ -262,7 +264,7 @@ fn unite(mut parts: Vec<MultiPolygon<f64>>, repairs: &mut Vec<Repair>) -> MultiP
     united
 }
 
-fn agree(a_m2: f64, b_m2: f64) -> bool {
+pub(crate) fn agree(a_m2: f64, b_m2: f64) -> bool {
     (a_m2 - b_m2).abs() <= AREA_TOLERANCE * a_m2.max(b_m2) + 1e-6
 }
 

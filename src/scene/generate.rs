@@ -8,7 +8,6 @@ use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 
 use super::proxy::{Scene, Shape, Structure, StructureId};
-pub use super::write::to_geojson;
 use crate::frame::{Geodetic, LocalFrame};
 
 /// What a generated block looks like.
@@ -275,7 +274,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::scene::read;
+    use crate::scene::{read, to_geojson};
     use crate::settings::Settings;
 
     fn heights(scene: &Scene) -> Vec<f64> {

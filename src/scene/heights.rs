@@ -10,11 +10,20 @@ use crate::settings::ProxySettings;
 const HEIGHT_KEYS: [&str; 3] = ["height", "building:height", "measuredHeight"];
 const LEVEL_KEYS: [&str; 2] = ["building:levels", "levels"];
 
+/// The lower end: in metres of buildings and zones, in storeys of buildings.
+const BASE_KEY: &str = "min_height";
+const BASE_LEVEL_KEY: &str = "building:min_level";
+
 /// Lower heights are taken for a mistake, m.
 const LEAST_HEIGHT_M: f64 = 0.1;
 
 /// A storey is taken to be this much lower or higher than the setting before height and storeys are said to disagree, share.
 const STOREY_TOLERANCE: f64 = 1.0 / 3.0;
+
+/// Whether a property says something about heights.
+pub(crate) fn is_key(key: &str) -> bool {
+    HEIGHT_KEYS.contains(&key) || LEVEL_KEYS.contains(&key) || key == BASE_KEY || key == BASE_LEVEL_KEY
+}
 
 /// The vertical extent of a building, heights above ground.
 pub(crate) struct Heights {
@@ -64,20 +73,46 @@ pub(crate) fn heights(properties: &Map<String, Value>, settings: &ProxySettings,
     Heights { base_m, top_m, known }
 }
 
-/// Floor and ceiling of a no-fly zone; the ceiling of a zone without a height is [`f64::MAX`].
-pub(crate) fn zone_heights(properties: &Map<String, Value>) -> Result<(f64, f64), String> {
-    let read = |keys: &[&str], otherwise: f64| match first_of(properties, keys, |value| length_m(value, f64::MAX)) {
-        Sought::Found(found) => Ok(found.value),
-        Sought::Missing => Ok(otherwise),
-        Sought::Bad(reason) => Err(reason),
+/// Floor and ceiling of a no-fly zone; the ceiling of a zone without a height is [`f64::MAX`]. What is given must be readable
+/// without doubt: the error says what is not, and what to do about it.
+pub(crate) fn zone_heights(
+    properties: &Map<String, Value>,
+    repairs: &mut Vec<Repair>,
+) -> Result<(f64, f64), (String, &'static str)> {
+    const REMEDY: &str = "write `min_height` and `height` as numbers (metres above ground), or leave `height` out for no ceiling";
+    let mut read = |key: &str| -> Result<Option<f64>, (String, &'static str)> {
+        let Some(value) = properties.get(key).filter(|value| !value.is_null()) else { return Ok(None) };
+        let found = single_length(value).map_err(|reason| (format!("has a `{key}` that {reason}"), REMEDY))?;
+        if let Some(reading) = found.reading {
+            repairs.push((ItemKind::HeightText, format!("`{key}` {reading}")));
+        }
+        Ok(Some(found.value))
     };
-    let floor_is_ground = properties.get("min_height").is_some_and(|value| value.as_f64() == Some(0.0));
-    let floor_m = if floor_is_ground { 0.0 } else { read(&["min_height"], 0.0)? };
-    let ceiling_m = read(&HEIGHT_KEYS, f64::MAX)?;
-    if floor_m < ceiling_m {
-        Ok((floor_m, ceiling_m))
-    } else {
-        Err(format!("its floor {floor_m} m is not below its ceiling {ceiling_m} m"))
+    let given_floor_m = read(BASE_KEY)?.unwrap_or(0.0);
+    let mut ceiling_m: Option<f64> = None;
+    for key in HEIGHT_KEYS {
+        // Where several are given the zone reaches to the highest.
+        ceiling_m = read(key)?.map_or(ceiling_m, |found| Some(ceiling_m.map_or(found, |other| other.max(found))));
+    }
+    let floor_m = given_floor_m.max(0.0);
+    let ceiling_m = ceiling_m.unwrap_or(f64::MAX);
+    if floor_m >= ceiling_m {
+        return Err((format!("has its ceiling at {ceiling_m} m, not above its floor at {floor_m} m"), REMEDY));
+    }
+    if given_floor_m < 0.0 {
+        repairs.push((ItemKind::BaseIgnored, format!("the floor {given_floor_m} m lies below the ground: set to the ground")));
+    }
+    Ok((floor_m, ceiling_m))
+}
+
+/// A length that is one number, with or without a unit.
+fn single_length(value: &Value) -> Result<Reading, String> {
+    let Value::String(text) = value else { return quantity(value) };
+    let shown: String = text.chars().take(40).collect();
+    match (plain_number(text.trim()), measure(text.trim())) {
+        (Some(value), _) => Ok(Reading { value, reading: None }),
+        (None, Some(value)) => Ok(Reading { value, reading: Some(format!("{shown:?} read as {value}")) }),
+        (None, None) => Err(format!("cannot be read ({shown:?})")),
     }
 }
 
@@ -120,10 +155,10 @@ fn first_of(properties: &Map<String, Value>, keys: &[&str], read: impl Fn(&Value
 }
 
 fn base(properties: &Map<String, Value>, settings: &ProxySettings, repairs: &mut Vec<Repair>) -> f64 {
-    let (key, unit_m) = if properties.get("min_height").is_some_and(|value| !value.is_null()) {
-        ("min_height", 1.0)
+    let (key, unit_m) = if properties.get(BASE_KEY).is_some_and(|value| !value.is_null()) {
+        (BASE_KEY, 1.0)
     } else {
-        ("building:min_level", settings.storey_height_m)
+        (BASE_LEVEL_KEY, settings.storey_height_m)
     };
     let Some(value) = properties.get(key).filter(|value| !value.is_null()) else { return 0.0 };
     match quantity(value) {

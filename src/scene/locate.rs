@@ -6,7 +6,7 @@ use super::footprint::RawPolygon;
 use crate::frame::Geodetic;
 
 /// Metres in a degree of latitude, near enough to tell the scene from its outliers.
-const DEGREE_M: f64 = 111_195.0;
+pub(crate) const DEGREE_M: f64 = 111_195.0;
 
 /// What is to be done with one feature.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,7 +104,8 @@ fn centre_y(corners: &[Coord<f64>; 2]) -> f64 {
     (corners[0].y + corners[1].y) / 2.0
 }
 
-fn median(values: impl Iterator<Item = f64>) -> f64 {
+/// The lower median; 0 of nothing.
+pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     values.get(values.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)

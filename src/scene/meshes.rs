@@ -2,6 +2,7 @@
 
 use nalgebra::Point3;
 
+use super::locate::median;
 use super::names::Names;
 use super::orient;
 use super::proxy::{Shape, Structure, StructureId, Triangle};
@@ -111,10 +112,4 @@ fn no_faces(mesh: &RawMesh) -> String {
         0 => "it has no faces: left out".into(),
         count => format!("all of its {count} faces are without area: left out"),
     }
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
 }

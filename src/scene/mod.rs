@@ -14,12 +14,15 @@ mod crs;
 mod faces;
 mod footprint;
 mod geojson;
+mod geometry;
 mod heights;
+mod json;
 mod locate;
 mod meshes;
 mod names;
 mod obj;
 mod orient;
+mod zone;
 
 pub mod generate;
 pub mod write;

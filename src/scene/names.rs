@@ -1,6 +1,6 @@
 //! Names of structures: from the file where it has them, made unique.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use serde_json::{Map, Value};
 
@@ -12,6 +12,11 @@ const ID_KEYS: [&str; 10] =
 
 /// Names longer than this are cut, in characters.
 const LONGEST_NAME: usize = 120;
+
+/// Whether a property may hold an identifier.
+pub(crate) fn is_key(key: &str) -> bool {
+    ID_KEYS.contains(&key)
+}
 
 /// The identifier of a GeoJSON feature: its own `id`, else a property that holds one.
 pub(crate) fn feature_name(id: Option<&Value>, properties: &Map<String, Value>) -> Option<String> {
@@ -36,21 +41,24 @@ fn text_of(value: &Value) -> Option<String> {
 #[derive(Default)]
 pub(crate) struct Names {
     ids: HashSet<StructureId>,
+    /// The suffix to try next for a name that was taken; all below are taken too.
+    next: HashMap<StructureId, u64>,
 }
 
 impl Names {
     /// `name` when it is still free, else `name` with the first free suffix.
     pub fn unique(&mut self, name: &str) -> String {
-        if self.ids.insert(StructureId::of_name(name)) {
+        let id = StructureId::of_name(name);
+        if self.ids.insert(id) {
             return name.to_owned();
         }
-        let mut number = 2u64;
+        let next = self.next.entry(id).or_insert(2);
         loop {
-            let candidate = format!("{name}-{number}");
+            let candidate = format!("{name}-{next}");
+            *next += 1;
             if self.ids.insert(StructureId::of_name(&candidate)) {
                 return candidate;
             }
-            number += 1;
         }
     }
 }
@@ -75,5 +83,12 @@ mod tests {
         let mut names = Names::default();
         let given: Vec<_> = ["a", "a", "a-2", "b", "a"].iter().map(|name| names.unique(name)).collect();
         assert_eq!(given, ["a", "a-2", "a-2-2", "b", "a-3"]);
+    }
+
+    #[test]
+    fn a_name_given_very_often_stays_cheap() {
+        let mut names = Names::default();
+        let last = (0..200_000).map(|_| names.unique("a")).last();
+        assert_eq!(last.as_deref(), Some("a-200000"));
     }
 }

@@ -62,7 +62,7 @@ pub enum Shape {
 }
 
 /// A polygon that the drone must not enter between two heights above the ground plane. A zone without a ceiling has
-/// `ceiling_m` = [`f64::MAX`].
+/// `ceiling_m` = [`f64::MAX`]. The outline ends far outside of where any flight goes; that of a zone wholly outside is empty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoFlyZone {
     pub name: String,

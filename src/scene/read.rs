@@ -5,6 +5,7 @@ use std::sync::Arc;
 use geo::{Area, BooleanOps, CoordsIter};
 use serde::Deserialize;
 
+use super::json::Scalar;
 use super::proxy::{NoFlyZone, Scene, Shape, Structure};
 use super::report::ImportReport;
 use super::solid::Bounds;
@@ -23,6 +24,18 @@ pub enum ImportError {
     Json { file: String, source: serde_json::Error },
     #[error("{file}: {what}; {remedy}")]
     Structure { file: String, what: String, remedy: &'static str },
+    #[error(
+        "{file}: it has {features} features, more than the {most} that are read; cut out the part that is to be flown, for example with \
+         `ogr2ogr -spat west south east north out.geojson in.geojson`"
+    )]
+    TooManyFeatures { file: String, features: usize, most: usize },
+    #[error(
+        "{file}: feature {index} ({name:?}) has the value {value} in its property `overfly`, which is not known; the known value is \
+         \"no-fly\": correct it, or remove the property"
+    )]
+    UnknownMark { file: String, index: usize, name: String, value: String },
+    #[error("{file}: the no-fly zone {name:?} (feature {index}) {problem}, so it cannot be barred as it is given; {remedy}")]
+    Zone { file: String, index: usize, name: String, problem: String, remedy: &'static str },
     #[error(
         "{file}: none of its {objects} features or objects is a usable structure{first}; export buildings as polygons or solids"
     )]
@@ -125,7 +138,7 @@ fn json_kind(file_name: &str, bytes: &[u8]) -> Result<String, ImportError> {
     #[derive(Deserialize)]
     struct Probe {
         #[serde(rename = "type", default)]
-        kind: serde_json::Value,
+        kind: Scalar,
     }
     if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
         // Parsed for the sake of a precise message when the file is cut off.
@@ -134,7 +147,7 @@ fn json_kind(file_name: &str, bytes: &[u8]) -> Result<String, ImportError> {
         return Err(ImportError::UnknownFormat { file: file_name.into(), found: "a bare JSON list".into() });
     }
     match serde_json::from_slice::<Probe>(bytes) {
-        Ok(probe) => Ok(probe.kind.as_str().unwrap_or_default().to_owned()),
+        Ok(probe) => Ok(probe.kind.text().unwrap_or_default().to_owned()),
         // A CityJSON sequence is one JSON object per line.
         Err(source) if source.is_syntax() && source.to_string().starts_with("trailing characters") => {
             Err(ImportError::UnknownFormat {

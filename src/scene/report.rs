@@ -37,7 +37,7 @@ pub struct ImportReport {
     pub first_overlaps: Vec<[String; 2]>,
     /// How many items there are of each kind.
     pub counts: BTreeMap<ItemKind, usize>,
-    /// The items, in the order of the file.
+    /// The items, in the order of the file; of a kind with very many only the first 2000.
     pub items: Vec<ReportItem>,
 }
 
@@ -112,11 +112,15 @@ pub enum ItemKind {
     WallsClosed,
     /// Faces turned outwards.
     FacesTurned,
-    /// A zone that cannot be used.
-    ZoneDropped,
 }
 
 const FIRST_OVERLAPS: usize = 10;
+
+/// Items that are kept of a kind, so that a file of faults does not fill the memory; enough for real scenes of guessed heights.
+const MOST_ITEMS: usize = 2000;
+
+/// Types of ignored objects that are told apart.
+const MOST_TYPES: usize = 100;
 
 impl ImportReport {
     pub(crate) fn new(format: Format) -> Self {
@@ -137,8 +141,16 @@ impl ImportReport {
     }
 
     pub(crate) fn add(&mut self, structure: &str, place: Place, kind: ItemKind, done: impl Into<String>) {
-        *self.counts.entry(kind).or_default() += 1;
-        self.items.push(ReportItem { structure: structure.to_owned(), place, kind, done: done.into() });
+        let count = self.counts.entry(kind).or_default();
+        *count += 1;
+        if *count <= MOST_ITEMS {
+            self.items.push(ReportItem { structure: structure.to_owned(), place, kind, done: done.into() });
+        }
+    }
+
+    pub(crate) fn ignore(&mut self, kind: String) {
+        let told = self.ignored.len() < MOST_TYPES || self.ignored.contains_key(&kind);
+        *self.ignored.entry(if told { kind } else { "of further types".into() }).or_default() += 1;
     }
 
     pub(crate) fn add_overlap(&mut self, first: &str, second: &str) {
@@ -205,7 +217,6 @@ impl fmt::Display for ItemKind {
             Self::DegenerateFaces => "with degenerate faces",
             Self::WallsClosed => "with missing walls filled in",
             Self::FacesTurned => "with faces turned outwards",
-            Self::ZoneDropped => "unusable zones",
         })
     }
 }

@@ -23,7 +23,8 @@ pub fn to_geojson(scene: &Scene) -> String {
         }
         features.push(feature(properties, &structure.outlines(), &frame));
     }
-    for zone in &scene.zones {
+    // A zone without an outline lies far away: there is nothing to write.
+    for zone in scene.zones.iter().filter(|zone| !zone.outline.0.is_empty()) {
         let mut properties = Map::new();
         properties.insert("id".into(), json!(zone.name));
         properties.insert("overfly".into(), json!("no-fly"));

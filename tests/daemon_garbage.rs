@@ -128,6 +128,9 @@ fn random_messages_neither_stop_the_daemon_nor_change_a_plan() {
             let room = words.len() as u64 * 64;
             let plausible = Header { client: 7, correlation, body_bytes: body_bytes % (room + 1), ..Header::new(Kind::Request) };
             let payload: Vec<Block> = words.into_iter().map(Block).collect();
+            let body = &bytemuck::cast_slice::<Block, u8>(&payload)[..plausible.body_bytes as usize];
+            // A well-formed order to stop is to be obeyed.
+            prop_assume!(!honest || codec::decode_request::<Request>(body).ok() != Some(Request::Stop));
             vandal.send(if honest { plausible } else { random }, &payload);
             Ok(())
         })
@@ -160,6 +163,22 @@ fn a_request_that_is_sent_twice_runs_once() {
 }
 
 #[test]
+fn pipes_that_nobody_writes_to_keep_no_thread_waiting() {
+    let served = Served::start();
+    let client = served.client();
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("town.geojson");
+    rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
+    for _ in 0..20 {
+        let (code, message) = refusal(client.load(overfly_client::SceneSource::Path(pipe.clone()), None, &mut |_| {}));
+        assert_eq!(code, RefusalCode::Unreadable);
+        assert!(message.contains("regular file"), "{message}");
+    }
+    load(&client, "block");
+    client.plan("block", &quick(), &mut |_| {}).unwrap();
+}
+
+#[test]
 fn files_that_are_no_scenes_are_refused() {
     let served = Served::with_settings("max_scene_mb = 1");
     let client = served.client();
@@ -173,10 +192,12 @@ fn files_that_are_no_scenes_are_refused() {
     assert_eq!(load("large.geojson", vec![b' '; 1_500_000]).0, RefusalCode::Malformed);
     let missing = overfly_client::SceneSource::Path("no/such/file.geojson".into());
     let (code, message) = refusal(client.load(missing, None, &mut |_| {}));
-    assert_eq!(code, RefusalCode::Import);
+    assert_eq!(code, RefusalCode::Unreadable);
     assert!(message.contains("no/such/file.geojson"), "{message}");
-    let directory = overfly_client::SceneSource::Path("/".into());
-    assert_eq!(refusal(client.load(directory, None, &mut |_| {})).0, RefusalCode::Import);
+    for no_file in ["/", "/dev/zero"] {
+        let source = overfly_client::SceneSource::Path(no_file.into());
+        assert_eq!(refusal(client.load(source, None, &mut |_| {})).0, RefusalCode::Unreadable);
+    }
     assert!(client.status().unwrap().scenes.is_empty());
     assert!(client.ping().unwrap() > Duration::ZERO);
 }

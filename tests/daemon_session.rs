@@ -170,6 +170,29 @@ fn scenes_are_listed_and_unloaded() {
 }
 
 #[test]
+fn a_short_plan_is_made_while_long_ones_run_on_other_scenes() {
+    let served = Served::with_settings("threads = 2");
+    let client = served.client();
+    let busy = ["a", "b", "c"];
+    busy.iter().chain(&["short"]).for_each(|name| drop(load(&client, name)));
+    std::thread::scope(|threads| {
+        let long = busy.map(|name| {
+            let pilot = served.client();
+            threads.spawn(move || pilot.plan(name, &endless(), &mut |_| {}).map(drop))
+        });
+        let planning = || client.status().unwrap().scenes.iter().filter(|s| s.state == SceneState::Planning).count();
+        wait_for("three searches", || (planning() == 3).then_some(()));
+        client.plan("short", &quick(), &mut |_| {}).unwrap();
+        let name = client.structures("short").unwrap()[0].name.clone();
+        let edited = client.edit("short", &EditOrder::Raise { structure: name, by_m: 1.0 }).unwrap();
+        client.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
+        assert_eq!(planning(), 3, "the long searches are still running");
+        busy.iter().for_each(|name| client.cancel(name).unwrap());
+        long.into_iter().for_each(|search| search.join().unwrap().unwrap());
+    });
+}
+
+#[test]
 fn a_ping_is_acknowledged_while_a_search_runs() {
     let served = Served::start();
     let loaded = load(&served.client(), "block");

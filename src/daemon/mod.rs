@@ -12,6 +12,7 @@ pub mod bench;
 mod budget;
 mod configuration;
 mod convert;
+mod crew;
 mod field_channel;
 mod jobs;
 mod ledger;

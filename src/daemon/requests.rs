@@ -17,8 +17,8 @@ use super::ports::Ports;
 use super::scenes::{Current, Queued, Slot, Task};
 use super::state::{Daemon, Reading, stopping, tell};
 
-/// Jobs that may run at the same time; more would only wait for one another.
-const MAX_RUNNING: usize = 32;
+/// Jobs that may run or wait for a thread at the same time.
+const MAX_RUNNING: usize = 64;
 
 impl Daemon {
     /// Takes up one request, or refuses it. `header` and `payload` lie in memory that the sender can still change.
@@ -228,7 +228,10 @@ impl Daemon {
         if self.running < MAX_RUNNING {
             return Ok(());
         }
-        Err(Refusal::new(RefusalCode::Busy, format!("{MAX_RUNNING} jobs are running already; try again when some have ended")))
+        Err(Refusal::new(
+            RefusalCode::Busy,
+            format!("{MAX_RUNNING} jobs are running or waiting already; try again when some have ended"),
+        ))
     }
 
     fn status(&self) -> Status {
@@ -238,7 +241,7 @@ impl Daemon {
             pid: std::process::id(),
             instance: self.instance,
             uptime_s: self.started.elapsed().as_secs_f64(),
-            threads: u32::try_from(self.workshop.pool.current_num_threads()).unwrap_or(u32::MAX),
+            threads: u32::try_from(rayon::current_num_threads()).unwrap_or(u32::MAX),
             field_bytes: self.workshop.budget.used(),
             budget_bytes: self.workshop.budget.limit(),
             resident_mb: resident_mb(),

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use overfly_wire::{Domain, Refusal, RefusalCode, Reply};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPoolBuilder;
 
 use super::DaemonError;
 use super::budget::Budget;
 use super::configuration::{self, ConfigurationError};
+use super::crew::Crew;
 use super::jobs::{Assignment, FieldSource, Flight, JobId, News, Workshop};
 use super::ledger::{Ledger, Ticket};
 use super::ports::Ports;
@@ -22,6 +23,9 @@ use crate::settings::Settings;
 
 /// How long running work may take to notice that the daemon ends.
 const LAST_WORDS: Duration = Duration::from_secs(2);
+
+/// Jobs that run at the same time. Each computes mostly on one core, so that many long searches leave a short one its share.
+const JOBS_AT_ONCE: usize = 16;
 
 /// The daemon's state; the main thread owns it alone.
 pub struct Daemon {
@@ -60,12 +64,12 @@ impl Daemon {
         mail: Mail<News>,
         instance: u64,
     ) -> Result<Self, DaemonError> {
-        let pool = pool(settings.daemon.threads)?;
+        start_pool(settings.daemon.threads)?;
         let budget = Budget::new(settings.daemon.memory_budget_mb);
         Ok(Self {
             domain: domain.clone(),
             settings: Arc::new(settings),
-            workshop: Workshop { pool, budget, mail },
+            workshop: Workshop { crew: Crew::new(JOBS_AT_ONCE), budget, mail },
             ledger: Ledger::default(),
             scenes: BTreeMap::new(),
             reading: HashMap::new(),
@@ -142,7 +146,10 @@ impl Daemon {
         };
         let settings = configuration::read(path).map_err(|error: ConfigurationError| refused(error.to_string()))?;
         if settings.daemon.threads != self.settings.daemon.threads {
-            self.workshop.pool = pool(settings.daemon.threads).map_err(|error| refused(error.to_string()))?;
+            tracing::warn!(
+                threads = settings.daemon.threads,
+                "the number of threads cannot change while the daemon runs: restart it for that"
+            );
         }
         if settings.daemon.domain != self.settings.daemon.domain {
             tracing::warn!(
@@ -235,7 +242,8 @@ pub(super) fn stopping() -> Refusal {
     Refusal::new(RefusalCode::Stopping, "the daemon is ending; start it again with `overfly serve`")
 }
 
-fn pool(threads: u32) -> Result<Arc<ThreadPool>, DaemonError> {
-    let built = ThreadPoolBuilder::new().num_threads(threads as usize).thread_name(|index| format!("core-{index}")).build();
-    built.map(Arc::new).map_err(|error| DaemonError::System { what: "the worker threads", cause: error.to_string() })
+/// Starts the compute pool of this process, which takes all parallel work of all jobs.
+fn start_pool(threads: u32) -> Result<(), DaemonError> {
+    let builder = ThreadPoolBuilder::new().num_threads(threads as usize).thread_name(|index| format!("core-{index}"));
+    builder.build_global().map_err(|error| DaemonError::System { what: "the worker threads", cause: error.to_string() })
 }

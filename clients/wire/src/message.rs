@@ -178,6 +178,8 @@ pub enum RefusalCode {
     Stopping,
     /// A mistake in the daemon; its log says more.
     Internal,
+    /// The daemon cannot read the path; whoever can may send the file's content instead.
+    Unreadable,
 }
 
 /// What the daemon is busy with.

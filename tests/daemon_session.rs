@@ -271,6 +271,26 @@ fn of_two_loads_of_one_name_the_later_request_wins() {
 }
 
 #[test]
+fn the_status_is_published_when_it_changes_and_to_whoever_comes_later() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let feed = served.client().status_feed().unwrap();
+    let first = feed.next(PATIENCE).unwrap().expect("the last status is kept for late joiners");
+    assert_eq!((first.pid, first.scenes[0].name.as_str(), first.scenes[0].revision), (served.pid(), "block", 1));
+    let follow = |what: &str, wanted: &dyn Fn(&overfly_client::SceneStatus) -> bool| {
+        while !feed.next(PATIENCE).unwrap().expect(what).scenes.iter().any(wanted) {}
+    };
+    let structure = client.structures("block").unwrap()[0].name.clone();
+    client.edit("block", &EditOrder::Raise { structure, by_m: 1.0 }).unwrap();
+    follow("the edit", &|scene| scene.revision == 2);
+    client.plan("block", &quick(), &mut |_| {}).unwrap();
+    follow("the plan", &|scene| scene.state == SceneState::Idle && scene.plan.is_some_and(|plan| plan.revision == 2));
+    client.unload("block").unwrap();
+    while !feed.next(PATIENCE).unwrap().expect("the end of the scene").scenes.is_empty() {}
+}
+
+#[test]
 fn scenes_are_listed_and_unloaded() {
     let served = Served::with_settings("memory_budget_mb = 1");
     let client = served.client();

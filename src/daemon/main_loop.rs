@@ -79,6 +79,7 @@ pub fn run(settings: Settings, config_path: Option<PathBuf>, domain: &Domain) ->
         );
         waited.map_err(|error| waiting(error.to_string()))?;
         backlog = for_each_event(&woken, &ports, &signals, &results, &result_wake, |event| react(&mut daemon, &ports, event));
+        daemon.tell_status(&ports);
     }
     tracing::info!(domain = domain.name(), "ended");
     Ok(())

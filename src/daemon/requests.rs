@@ -108,6 +108,7 @@ impl Daemon {
             return Err(stopping());
         }
         tell(ports, ticket, &Reply::Acknowledged);
+        self.changed = true;
         match request {
             Request::LoadPath { path, name } => {
                 self.load(ticket, FileSource::Path(PathBuf::from(OsString::from_vec(path))), name)
@@ -220,7 +221,7 @@ impl Daemon {
         ))
     }
 
-    fn status(&self) -> Status {
+    pub(super) fn status(&self) -> Status {
         Status {
             version: env!("CARGO_PKG_VERSION").into(),
             domain: self.domain.name().into(),

@@ -19,6 +19,7 @@ impl Daemon {
     pub fn on_news(&mut self, ports: &Ports, news: News) {
         if !matches!(news.kind, NewsKind::Progress(_)) {
             self.running -= 1;
+            self.changed = true;
         }
         if self.reading.contains_key(&news.job) {
             self.on_reading(ports, news);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use overfly_wire::{Domain, Refusal, RefusalCode, Reply};
+use overfly_wire::{Domain, Refusal, RefusalCode, Reply, SceneStatus};
 use rayon::ThreadPoolBuilder;
 
 use super::DaemonError;
@@ -47,6 +47,10 @@ pub struct Daemon {
     epoch: u64,
     next_job: u64,
     ending: Option<Instant>,
+    /// The scenes as the status last told them.
+    told: Option<Vec<SceneStatus>>,
+    /// Something may have changed since.
+    pub(super) changed: bool,
 }
 
 /// A scene file on its way.
@@ -82,6 +86,8 @@ impl Daemon {
             epoch: 0,
             next_job: 0,
             ending: None,
+            told: None,
+            changed: true,
         })
     }
 
@@ -114,6 +120,21 @@ impl Daemon {
         }
         ports.update();
         self.scenes.values().for_each(|slot| slot.channel.update());
+    }
+
+    /// Publishes the status when a scene came, went, or has another revision, state or plan.
+    pub fn tell_status(&mut self, ports: &Ports) {
+        if !std::mem::take(&mut self.changed) {
+            return;
+        }
+        let status = self.status();
+        if self.told.as_ref() == Some(&status.scenes) {
+            return;
+        }
+        if let Err(error) = ports.publish_status(&status) {
+            tracing::warn!(%error, "subscribers did not get the status");
+        }
+        self.told = Some(status.scenes);
     }
 
     /// Begins to end: no new work, and what runs is stopped. A stopped search still gives its best plan so far.

@@ -13,6 +13,7 @@ use crate::error::ClientError;
 use crate::field::FieldMap;
 use crate::link::Link;
 use crate::plan::{PlanMessage, PlanWatch};
+use crate::status::StatusFeed;
 
 /// How long a daemon may take to acknowledge a request.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -163,6 +164,13 @@ impl Client {
         self.link.attach();
         self.ping()?;
         Ok(watch)
+    }
+
+    /// Receives the status now and whenever it changes.
+    pub fn status_feed(&self) -> Result<StatusFeed, ClientError> {
+        let feed = StatusFeed::open(&self.link.domain)?;
+        self.link.attach();
+        Ok(feed)
     }
 
     /// Maps the current field of a scene read-only, where it lies.

@@ -75,6 +75,8 @@ pub enum Channel {
     Replies,
     /// Every new plan of every scene.
     Plans,
+    /// The daemon's status whenever it changes; a late joiner receives the last one.
+    Status,
 }
 
 /// The two event services.
@@ -103,6 +105,7 @@ impl Channel {
             Channel::Requests => "overfly/requests",
             Channel::Replies => "overfly/replies",
             Channel::Plans => "overfly/plans",
+            Channel::Status => "overfly/status",
         }
     }
 
@@ -119,6 +122,7 @@ impl Channel {
             Channel::Requests => capacity(MAX_CLIENTS, 8, 2, false),
             Channel::Replies => capacity(4, 32, 2, true),
             Channel::Plans => capacity(4, 8, 8, true),
+            Channel::Status => Capacity { history: 1, ..capacity(4, 2, 2, true) },
         }
     }
 }

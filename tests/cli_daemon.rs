@@ -155,6 +155,21 @@ fn a_watcher_receives_each_plan_on_a_line_of_its_own() {
 }
 
 #[test]
+fn a_followed_status_shows_each_scene_that_comes() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    let mut follower = place.command(&["status", "--follow", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
+    let lines = BufReader::new(follower.stdout.take().unwrap()).lines();
+    let mut seen = lines.map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
+    assert_eq!(seen.next().unwrap()["scenes"], serde_json::json!([]));
+    place.json(&["load", &scene]);
+    assert!(seen.any(|status| status["scenes"][0]["name"] == "town" && status["scenes"][0]["state"] == "idle"));
+    follower.kill().unwrap();
+    follower.wait().unwrap();
+}
+
+#[test]
 fn refusals_of_the_daemon_name_the_cause_and_have_their_exit_codes() {
     let place = Place::new();
     let scene = place.scene();

@@ -282,6 +282,9 @@ pub struct SceneArgs {
 pub struct StatusArgs {
     /// Name of a loaded scene: lists its structures with ids and heights
     pub scene: Option<String>,
+    /// Show the status again whenever a scene comes, goes, or has another revision, state or plan, until interrupted
+    #[arg(long, conflicts_with = "scene")]
+    pub follow: bool,
     #[command(flatten)]
     pub reach: Reach,
 }

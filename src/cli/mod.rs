@@ -59,7 +59,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Watch(arguments) => watch::run(arguments, form).map(|()| None),
         Command::Cancel(arguments) => scene::cancel(arguments).map(Some),
         Command::Unload(arguments) => scene::unload(arguments).map(Some),
-        Command::Status(arguments) => status::run(arguments).map(Some),
+        Command::Status(arguments) => status::run(arguments, form),
         Command::Reload(reach) => status::reload(reach).map(Some),
         Command::Stop(reach) => status::stop(reach).map(Some),
         Command::Bench(arguments) => bench::run(arguments, form).map(Some),

@@ -9,7 +9,6 @@
 //!
 //! Nothing that a client sends can stop the daemon. A request that is refused has changed nothing.
 
-pub mod bench;
 mod budget;
 mod configuration;
 mod convert;

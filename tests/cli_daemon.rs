@@ -25,6 +25,60 @@ fn the_daemon_and_the_process_itself_write_the_same_plan() {
 }
 
 #[test]
+fn a_file_of_any_name_gives_the_same_plan_by_the_daemon_and_in_the_process_itself() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    std::fs::create_dir(place.path("old town (1)")).unwrap();
+    let long = format!("{}.geojson", "ä".repeat(100));
+    for (index, file) in ["town (1).geojson", "old town (1)/buildings.geojson", "~.GeoJSON", &long].into_iter().enumerate() {
+        std::fs::copy(place.path(&scene), place.path(file)).unwrap();
+        let name = place.json(&["load", file])["scene"].as_str().unwrap().to_owned();
+        let (daemon, process) = (format!("daemon-{index}"), format!("process-{index}"));
+        place.json(&["plan", &name, "--iterations", "20", "--out", &daemon]);
+        place.json(&["plan", file, "--iterations", "20", "--out", &process]);
+        let read = |folder: &str| place.read(&format!("{folder}/plan.json"));
+        assert_eq!(read(&daemon), read(&process), "{file}");
+    }
+}
+
+#[test]
+fn a_file_that_the_daemon_cannot_read_is_sent() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    std::fs::create_dir(place.path("harbour")).unwrap();
+    // What comes out of a pipe can be read once, and not by the daemon.
+    let pipe = place.path("harbour/buildings.geojson");
+    rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
+    let content = place.read(&scene);
+    let output = std::thread::scope(|threads| {
+        threads.spawn(|| std::fs::write(&pipe, content).unwrap());
+        place.run(&["load", "harbour/buildings.geojson"])
+    });
+    let remarks = program::stderr(&output);
+    assert!(output.status.success() && remarks.contains("its content is sent"), "{remarks}");
+    let loaded = &place.json(&["status"])["scenes"][0];
+    assert_eq!((&loaded["name"], &loaded["structures"]), (&"harbour".into(), &4.into()));
+}
+
+#[test]
+fn a_search_is_cancelled_and_a_scene_unloaded() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    place.json(&["load", &scene]);
+    let plan = place.command(&["plan", "town", "--iterations", "10000000", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
+    while place.json(&["status"])["scenes"][0]["state"] != "planning" {}
+    assert_eq!(place.json(&["cancel", "town"])["cancelled"], true);
+    let output = plan.wait_with_output().unwrap();
+    let plan: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(output.status.success() && plan["waypoints"].as_u64().unwrap() >= 1, "{plan}");
+    assert_eq!(place.json(&["unload", "town"])["unloaded"], true);
+    assert_eq!(place.json(&["status"])["scenes"], serde_json::json!([]));
+}
+
+#[test]
 fn a_scene_is_loaded_listed_edited_and_replanned() {
     let place = Place::new();
     let scene = place.scene();
@@ -101,6 +155,21 @@ fn a_watcher_receives_each_plan_on_a_line_of_its_own() {
 }
 
 #[test]
+fn a_followed_status_shows_each_scene_that_comes() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    let mut follower = place.command(&["status", "--follow", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
+    let lines = BufReader::new(follower.stdout.take().unwrap()).lines();
+    let mut seen = lines.map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
+    assert_eq!(seen.next().unwrap()["scenes"], serde_json::json!([]));
+    place.json(&["load", &scene]);
+    assert!(seen.any(|status| status["scenes"][0]["name"] == "town" && status["scenes"][0]["state"] == "idle"));
+    follower.kill().unwrap();
+    follower.wait().unwrap();
+}
+
+#[test]
 fn refusals_of_the_daemon_name_the_cause_and_have_their_exit_codes() {
     let place = Place::new();
     let scene = place.scene();
@@ -110,6 +179,9 @@ fn refusals_of_the_daemon_name_the_cause_and_have_their_exit_codes() {
     for (code, kind, words, cause) in [
         (5, "refused", vec!["plan", "village"], "village"),
         (5, "refused", vec!["watch", "village"], "village"),
+        (5, "refused", vec!["cancel", "village"], "village"),
+        (5, "refused", vec!["unload", "village"], "village"),
+        (3, "input_file", vec!["plan", "village.geojson"], "No such file"),
         (5, "refused", vec!["status", "village"], "village"),
         (5, "refused", vec!["edit", "town", "remove", "castle"], "castle"),
         (5, "refused", vec!["edit", "town", "lower", "shed", "--by", "50"], "shed"),

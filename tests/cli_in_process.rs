@@ -12,7 +12,8 @@ fn help_teaches_with_examples_units_and_exit_codes() {
     for word in ["overfly demo", "overfly load town.geojson", "Exit codes", "  6  no plan", "metres"] {
         assert!(help.contains(word), "{word} is not in {help}");
     }
-    let commands = ["demo", "serve", "load", "plan", "edit", "watch", "status", "reload", "stop", "bench", "generate"];
+    let commands =
+        ["demo", "serve", "load", "plan", "edit", "watch", "cancel", "unload", "status", "reload", "stop", "bench", "generate"];
     for command in commands {
         let output = place.run(&[command, "--help"]);
         assert!(output.status.success() && stdout(&output).contains("--json"), "{command}");
@@ -119,6 +120,9 @@ fn bad_input_files_are_named_with_a_remedy() {
         (vec!["plan", "empty.geojson"], "empty.geojson"),
         (vec!["bench", "field", "missing.geojson"], "missing.geojson"),
         (vec!["load", "missing.geojson"], "missing.geojson"),
+        (vec!["plan", "missing.geojson"], "No such file"),
+        (vec!["plan", "scenes/town"], "No such file"),
+        (vec!["plan", "missing.obj", "--out", "out"], "missing.obj"),
         (vec!["plan", &scene, "--config", "missing.toml"], "missing.toml"),
         (vec!["plan", &scene, "--config", "broken.toml"], "sample"),
         (vec!["serve", "--config", "broken.toml"], "broken.toml"),
@@ -139,13 +143,15 @@ fn without_a_daemon_the_client_says_how_to_start_one() {
         vec!["load", &scene],
         vec!["plan", "town"],
         vec!["watch", "town"],
+        vec!["cancel", "town"],
+        vec!["unload", "town"],
         vec!["edit", "town", "remove", "hall"],
     ] {
         let message = place.fails(4, "no_daemon", &words);
         assert!(message.contains("overfly serve"), "{words:?}: {message}");
     }
-    let message = place.fails(4, "no_daemon", &["plan", "twon.geojson"]);
-    assert!(message.contains("there is no file \"twon.geojson\""), "{message}");
+    let message = place.fails(4, "no_daemon", &["plan", "twon"]);
+    assert!(message.contains("there is no file \"twon\""), "{message}");
 }
 
 #[test]

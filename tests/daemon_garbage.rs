@@ -2,6 +2,7 @@
 
 mod served;
 
+use std::collections::BTreeMap;
 use std::mem::MaybeUninit;
 use std::time::Duration;
 
@@ -128,6 +129,9 @@ fn random_messages_neither_stop_the_daemon_nor_change_a_plan() {
             let room = words.len() as u64 * 64;
             let plausible = Header { client: 7, correlation, body_bytes: body_bytes % (room + 1), ..Header::new(Kind::Request) };
             let payload: Vec<Block> = words.into_iter().map(Block).collect();
+            let body = &bytemuck::cast_slice::<Block, u8>(&payload)[..plausible.body_bytes as usize];
+            // A well-formed order to stop is to be obeyed.
+            prop_assume!(!honest || codec::decode_request::<Request>(body).ok() != Some(Request::Stop));
             vandal.send(if honest { plausible } else { random }, &payload);
             Ok(())
         })
@@ -159,6 +163,75 @@ fn a_request_that_is_sent_twice_runs_once() {
     assert_eq!(client.status().unwrap().scenes[0].revision, 2);
 }
 
+/// The final answers to the requests of these correlations.
+fn finals(vandal: &Vandal, correlations: std::ops::RangeInclusive<u64>) -> Vec<Reply> {
+    let mut answers = BTreeMap::new();
+    wait_for("all answers", || {
+        while let Some(sample) = vandal.replies.receive().unwrap() {
+            let limits = Limits { body_bytes: codec::MAX_REPLY_BYTES, bulk_bytes: 0 };
+            let frame = frame::copy(sample.user_header(), WireBlock::blocks(sample.payload()), Kind::Reply, limits).unwrap();
+            let reply: Reply = codec::decode_reply(&frame.body).unwrap();
+            let is_final = !matches!(reply, Reply::Acknowledged | Reply::Progress(_));
+            if is_final && correlations.contains(&frame.header.correlation) {
+                answers.entry(frame.header.correlation).or_insert(reply);
+            }
+        }
+        (answers.len() as u64 == correlations.end() - correlations.start() + 1).then_some(())
+    });
+    answers.into_values().collect()
+}
+
+#[test]
+fn edits_that_come_at_once_are_each_answered_and_a_plan_before_them_is_made_again() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let structure = client.structures("block").unwrap()[0].name.clone();
+    let vandal = Vandal::enter(&served.domain);
+    let send = |request: Request, correlation| {
+        let (header, payload) = honest(&request, correlation);
+        vandal.send(header, &payload);
+    };
+    let raise = || Request::Edit { scene: "block".into(), edit: EditOrder::Raise { structure: structure.clone(), by_m: 1.0 } };
+    let plan = |order| Request::Plan { scene: "block".into(), order };
+
+    // An order that cannot be flown is not followed up.
+    let high = overfly_client::PlanOrder { start_m: Some([0.0, 0.0, 5000.0]), ..quick() };
+    send(plan(high), 1);
+    assert!(matches!(&finals(&vandal, 1..=1)[0], Reply::Refused(refusal) if refusal.code == RefusalCode::Plan));
+    send(raise(), 2);
+    assert_eq!(finals(&vandal, 2..=2), [Reply::Edited { revision: 2, replan_follows: false }]);
+
+    // One that was accepted is, even if the edit comes before its search has begun.
+    send(plan(served::endless()), 3);
+    (4..=8).for_each(|correlation| send(raise(), correlation));
+    let answers = finals(&vandal, 3..=8);
+    assert!(matches!(&answers[0], Reply::Refused(refusal) if refusal.code == RefusalCode::Superseded));
+    let edited: Vec<Reply> = (3..=7).map(|revision| Reply::Edited { revision, replan_follows: true }).collect();
+    assert_eq!(answers[1..], edited);
+    wait_for("the replan", || {
+        client.status().unwrap().scenes.iter().find(|s| s.state == overfly_client::SceneState::Planning).map(drop)
+    });
+    client.cancel("block").unwrap();
+    wait_for("its plan", || client.status().unwrap().scenes[0].plan.filter(|plan| plan.revision == 7));
+}
+
+#[test]
+fn pipes_that_nobody_writes_to_keep_no_thread_waiting() {
+    let served = Served::start();
+    let client = served.client();
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("town.geojson");
+    rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
+    for _ in 0..20 {
+        let (code, message) = refusal(client.load(overfly_client::SceneSource::Path(pipe.clone()), None, &mut |_| {}));
+        assert_eq!(code, RefusalCode::Unreadable);
+        assert!(message.contains("regular file"), "{message}");
+    }
+    load(&client, "block");
+    client.plan("block", &quick(), &mut |_| {}).unwrap();
+}
+
 #[test]
 fn files_that_are_no_scenes_are_refused() {
     let served = Served::with_settings("max_scene_mb = 1");
@@ -173,10 +246,12 @@ fn files_that_are_no_scenes_are_refused() {
     assert_eq!(load("large.geojson", vec![b' '; 1_500_000]).0, RefusalCode::Malformed);
     let missing = overfly_client::SceneSource::Path("no/such/file.geojson".into());
     let (code, message) = refusal(client.load(missing, None, &mut |_| {}));
-    assert_eq!(code, RefusalCode::Import);
+    assert_eq!(code, RefusalCode::Unreadable);
     assert!(message.contains("no/such/file.geojson"), "{message}");
-    let directory = overfly_client::SceneSource::Path("/".into());
-    assert_eq!(refusal(client.load(directory, None, &mut |_| {})).0, RefusalCode::Import);
+    for no_file in ["/", "/dev/zero"] {
+        let source = overfly_client::SceneSource::Path(no_file.into());
+        assert_eq!(refusal(client.load(source, None, &mut |_| {})).0, RefusalCode::Unreadable);
+    }
     assert!(client.status().unwrap().scenes.is_empty());
     assert!(client.ping().unwrap() > Duration::ZERO);
 }

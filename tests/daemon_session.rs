@@ -5,6 +5,7 @@ mod served;
 use std::time::Duration;
 
 use overfly::mission::plan_table;
+use overfly::scene::{BlockSettings, generate_block, write};
 use overfly_client::{EditOrder, RefusalCode, SceneState, Stage};
 use served::{PATIENCE, Served, block, endless, load, quick, refusal, wait_for};
 
@@ -115,10 +116,16 @@ fn of_several_edits_only_the_newest_is_planned() {
     let served = Served::start();
     let client = served.client();
     load(&client, "block");
-    client.plan("block", &quick(), &mut |_| {}).unwrap();
+    std::thread::scope(|threads| {
+        let search = threads.spawn(|| served.client().plan("block", &endless(), &mut |_| {}).map(drop));
+        wait_for("the search", || client.status().unwrap().scenes.iter().find(|s| s.state == SceneState::Planning).map(drop));
+        client.cancel("block").unwrap();
+        search.join().unwrap().unwrap();
+    });
     let structure = client.structures("block").unwrap()[0].name.clone();
     let edits: Vec<_> =
         (0..5).map(|_| client.edit("block", &EditOrder::Raise { structure: structure.clone(), by_m: 1.0 }).unwrap()).collect();
+    client.cancel("block").unwrap();
     let last = client.await_replan(&edits[4], PATIENCE, &mut |_| {}).unwrap();
     assert_eq!(last.table().facts.revision, 6);
     let superseded = edits[..4]
@@ -127,25 +134,160 @@ fn of_several_edits_only_the_newest_is_planned() {
         .filter(|outcome| outcome.as_ref().is_err())
         .map(|outcome| refusal(outcome).0)
         .collect::<Vec<_>>();
-    assert!(superseded.iter().all(|code| *code == RefusalCode::Superseded), "{superseded:?}");
-    assert!(!superseded.is_empty(), "five edits at once are not planned five times");
+    assert_eq!(superseded, [RefusalCode::Superseded; 4]);
+}
+
+/// A daemon whose flights end at 120 m and must stay above the scene, so that a slab over everything leaves nowhere to fly.
+fn served_below_a_low_ceiling() -> Served {
+    Served::with_settings("[flight]\nlateral_margin_m = 0.0\nlegal_ceiling_m = 120.0")
+}
+
+fn slab() -> EditOrder {
+    let outline_m = vec![[-200.0, -200.0], [200.0, -200.0], [200.0, 200.0], [-200.0, 200.0]];
+    EditOrder::Add { name: "slab".into(), outline_m, base_m: 0.0, top_m: 119.0 }
 }
 
 #[test]
-fn an_edit_that_leaves_nothing_to_plan_on_is_undone() {
-    let served = Served::with_settings("[flight]\nlateral_margin_m = 0.0\nlegal_ceiling_m = 120.0");
+fn an_edit_that_leaves_nothing_to_plan_on_is_refused_and_changes_nothing() {
+    let served = served_below_a_low_ceiling();
+    let client = served.client();
+    load(&client, "block");
+    for revision in 1..=2 {
+        let (code, message) = refusal(client.edit("block", &slab()));
+        assert_eq!(code, RefusalCode::Field, "{message}");
+        assert!(message.contains(&format!("revision {revision}")), "{message}");
+        assert_eq!(client.field("block").unwrap().table().facts.revision, revision);
+        let structures = client.structures("block").unwrap();
+        assert!(structures.iter().all(|structure| structure.name != "slab"));
+        assert_eq!(client.status().unwrap().scenes[0].revision, revision);
+        // The second time on a scene that has been planned.
+        client.plan("block", &quick(), &mut |_| {}).unwrap();
+        let raise = EditOrder::Raise { structure: structures[0].name.clone(), by_m: 1.0 };
+        assert_eq!(client.edit("block", &raise).unwrap().revision, revision + 1);
+    }
+}
+
+#[test]
+fn an_edit_that_is_refused_leaves_a_running_search_alone() {
+    let served = served_below_a_low_ceiling();
+    let client = served.client();
+    load(&client, "block");
+    std::thread::scope(|threads| {
+        let search = threads.spawn(|| served.client().plan("block", &endless(), &mut |_| {}));
+        wait_for("the search", || client.status().unwrap().scenes.iter().find(|s| s.state == SceneState::Planning).map(drop));
+        assert_eq!(refusal(client.edit("block", &slab())).0, RefusalCode::Field);
+        client.cancel("block").unwrap();
+        assert_eq!(search.join().unwrap().expect("the best plan so far").table().facts.revision, 1);
+    });
+}
+
+#[test]
+fn of_edits_that_come_together_a_bad_one_takes_no_good_one_along() {
+    let served = served_below_a_low_ceiling();
+    let client = served.client();
+    load(&client, "block");
+    let names: Vec<String> = client.structures("block").unwrap().into_iter().map(|structure| structure.name).collect();
+    let edits: Vec<EditOrder> = (0..6)
+        .map(|index| if index == 2 { slab() } else { EditOrder::Raise { structure: names[index].clone(), by_m: 1.0 } })
+        .collect();
+    let start = std::sync::Barrier::new(edits.len());
+    let answers: Vec<_> = std::thread::scope(|threads| {
+        let (served, start) = (&served, &start);
+        let make = |edit| {
+            move || {
+                let client = served.client();
+                start.wait();
+                client.edit("block", edit)
+            }
+        };
+        let running: Vec<_> = edits.iter().map(|edit| threads.spawn(make(edit))).collect();
+        running.into_iter().map(|edit| edit.join().unwrap()).collect()
+    });
+    let mut revisions = Vec::new();
+    for (index, answer) in answers.into_iter().enumerate() {
+        match index {
+            2 => assert_eq!(refusal(answer).0, RefusalCode::Field),
+            _ => revisions.push(answer.unwrap().revision),
+        }
+    }
+    revisions.sort_unstable();
+    assert_eq!(revisions, [2, 3, 4, 5, 6]);
+    assert_eq!(client.status().unwrap().scenes[0].revision, 6);
+}
+
+#[test]
+fn a_load_that_fails_leaves_the_edits_of_the_scene_alone() {
+    let served = served_below_a_low_ceiling();
     let client = served.client();
     load(&client, "block");
     client.plan("block", &quick(), &mut |_| {}).unwrap();
-    // A slab over the whole block and up to the ceiling of the flight leaves no free space.
-    let outline_m = vec![[-200.0, -200.0], [200.0, -200.0], [200.0, 200.0], [-200.0, 200.0]];
-    let slab = EditOrder::Add { name: "slab".into(), outline_m, base_m: 0.0, top_m: 119.0 };
-    let edited = client.edit("block", &slab).unwrap();
-    let (code, message) = refusal(client.await_replan(&edited, PATIENCE, &mut |_| {}));
-    assert_eq!(code, RefusalCode::Field, "{message}");
-    assert!(message.contains("revision 1"), "{message}");
-    assert_eq!(client.field("block").unwrap().table().facts.revision, 1);
+    let structure = client.structures("block").unwrap()[0].name.clone();
+    let corners = [[4.46, 51.90], [4.47, 51.90], [4.47, 51.91], [4.46, 51.91], [4.46, 51.90]];
+    let geojson = serde_json::json!({ "type": "FeatureCollection", "features": [{
+        "type": "Feature", "properties": { "height": 119.0 }, "geometry": { "type": "Polygon", "coordinates": [corners] } }] });
+    for revision in 2..8 {
+        std::thread::scope(|threads| {
+            let load = threads.spawn(|| {
+                let bytes = geojson.to_string().into_bytes();
+                let slab = overfly_client::SceneSource::Bytes { file_name: "slab.geojson".into(), bytes };
+                refusal(served.client().load(slab, Some("block"), &mut |_| {}))
+            });
+            let raise = EditOrder::Raise { structure: structure.clone(), by_m: 1.0 };
+            // While the scene is being loaded its edits are refused as busy.
+            let edited = wait_for("the edit", || client.edit("block", &raise).ok());
+            assert_eq!((edited.revision, edited.replan_follows), (revision, true));
+            let replan = client.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
+            assert_eq!(replan.table().facts.revision, revision);
+            assert_eq!(load.join().unwrap().0, RefusalCode::Field);
+        });
+        let scene = client.status().unwrap().scenes.remove(0);
+        assert_eq!((scene.revision, scene.plan.map(|plan| plan.revision)), (revision, Some(revision)));
+    }
+}
+
+#[test]
+fn of_two_loads_of_one_name_the_later_request_wins() {
+    let served = Served::start();
+    let client = served.client();
+    std::thread::scope(|threads| {
+        let (reading, is_reading) = std::sync::mpsc::channel();
+        let served = &served;
+        let slow = threads.spawn(move || {
+            let large = generate_block(&BlockSettings { extent_m: [900.0, 900.0], buildings: 400, ..Default::default() });
+            let bytes = write::to_geojson(&large).into_bytes();
+            let source = overfly_client::SceneSource::Bytes { file_name: "large.geojson".into(), bytes };
+            served.client().load(source, Some("town"), &mut |_| reading.send(()).unwrap_or(()))
+        });
+        is_reading.recv().unwrap();
+        let loaded = load(&client, "town");
+        // The earlier one may have been quicker all the same; it is never the one that stays.
+        match slow.join().unwrap() {
+            Ok(earlier) => assert_eq!(earlier.scene, "town"),
+            earlier => assert_eq!(refusal(earlier).0, RefusalCode::Superseded),
+        }
+        let scenes = client.status().unwrap().scenes;
+        assert_eq!((scenes.len(), scenes[0].structures), (1, loaded.structures));
+    });
+}
+
+#[test]
+fn the_status_is_published_when_it_changes_and_to_whoever_comes_later() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let feed = served.client().status_feed().unwrap();
+    let first = feed.next(PATIENCE).unwrap().expect("the last status is kept for late joiners");
+    assert_eq!((first.pid, first.scenes[0].name.as_str(), first.scenes[0].revision), (served.pid(), "block", 1));
+    let follow = |what: &str, wanted: &dyn Fn(&overfly_client::SceneStatus) -> bool| {
+        while !feed.next(PATIENCE).unwrap().expect(what).scenes.iter().any(wanted) {}
+    };
+    let structure = client.structures("block").unwrap()[0].name.clone();
+    client.edit("block", &EditOrder::Raise { structure, by_m: 1.0 }).unwrap();
+    follow("the edit", &|scene| scene.revision == 2);
     client.plan("block", &quick(), &mut |_| {}).unwrap();
+    follow("the plan", &|scene| scene.state == SceneState::Idle && scene.plan.is_some_and(|plan| plan.revision == 2));
+    client.unload("block").unwrap();
+    while !feed.next(PATIENCE).unwrap().expect("the end of the scene").scenes.is_empty() {}
 }
 
 #[test]
@@ -167,6 +309,29 @@ fn scenes_are_listed_and_unloaded() {
     client.unload("a").unwrap();
     load(&client, "c");
     assert!(client.status().unwrap().scenes.iter().all(|scene| scene.name != "a"));
+}
+
+#[test]
+fn a_short_plan_is_made_while_long_ones_run_on_other_scenes() {
+    let served = Served::with_settings("threads = 2");
+    let client = served.client();
+    let busy = ["a", "b", "c"];
+    busy.iter().chain(&["short"]).for_each(|name| drop(load(&client, name)));
+    std::thread::scope(|threads| {
+        let long = busy.map(|name| {
+            let pilot = served.client();
+            threads.spawn(move || pilot.plan(name, &endless(), &mut |_| {}).map(drop))
+        });
+        let planning = || client.status().unwrap().scenes.iter().filter(|s| s.state == SceneState::Planning).count();
+        wait_for("three searches", || (planning() == 3).then_some(()));
+        client.plan("short", &quick(), &mut |_| {}).unwrap();
+        let name = client.structures("short").unwrap()[0].name.clone();
+        let edited = client.edit("short", &EditOrder::Raise { structure: name, by_m: 1.0 }).unwrap();
+        client.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
+        assert_eq!(planning(), 3, "the long searches are still running");
+        busy.iter().for_each(|name| client.cancel(name).unwrap());
+        long.into_iter().for_each(|search| search.join().unwrap().unwrap());
+    });
 }
 
 #[test]

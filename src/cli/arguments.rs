@@ -56,6 +56,14 @@ pub enum Command {
     Edit(EditArgs),
     /// Receive each new plan of a scene as it is published
     Watch(WatchArgs),
+    /// End the running search of a loaded scene with its best plan so far
+    #[command(
+        after_help = "A search that has not begun yet is refused. Without a search nothing happens.\n\nExample:\n  overfly cancel town"
+    )]
+    Cancel(SceneArgs),
+    /// Drop a loaded scene, its field and everything that runs for it
+    #[command(after_help = "Fields that clients have mapped stay readable for them.\n\nExample:\n  overfly unload town")]
+    Unload(SceneArgs),
     /// Show the daemon and its scenes, or the structures of one scene
     Status(StatusArgs),
     /// Let the daemon read its configuration file again
@@ -109,7 +117,8 @@ pub struct ServeArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "Reads GeoJSON footprints with heights (.geojson, .json), CityJSON 1.0 to 2.0 (.city.json) and OBJ meshes (.obj). \
-    What was repaired or guessed is listed.\n\nExample:\n  overfly load delfshaven.city.json --name harbour"
+    What was repaired or guessed is listed. The daemon reads the file itself; when it cannot, because it runs as another user or sees other \
+    files, the content is sent (at most `daemon.max_scene_mb`).\n\nExample:\n  overfly load delfshaven.city.json --name harbour"
 )]
 pub struct LoadArgs {
     /// Scene file
@@ -123,8 +132,8 @@ pub struct LoadArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "If a file called SCENE exists, it is planned in process; else SCENE is the name of a scene that the daemon has loaded. \
-    Both give the same plan.json, byte for byte, for the same scene, settings, seed and iterations.\n\nExamples:\n  \
+    after_help = "If SCENE is a file, or looks like a path (it holds a `/` or ends with .geojson, .json or .obj), it is planned in process; else \
+    it is the name of a scene that the daemon has loaded. Both give the same plan.json, byte for byte, for the same scene, settings, seed and iterations.\n\nExamples:\n  \
     overfly plan town.geojson --seed 7 --out flights/town\n  overfly plan town.geojson --samples 1600 --viewpoints 2000 --iterations 1000\n  \
     overfly plan town --start 10,-40,35"
 )]
@@ -262,9 +271,20 @@ pub struct WatchArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct SceneArgs {
+    /// Name of the loaded scene
+    pub scene: String,
+    #[command(flatten)]
+    pub reach: Reach,
+}
+
+#[derive(Debug, Args)]
 pub struct StatusArgs {
     /// Name of a loaded scene: lists its structures with ids and heights
     pub scene: Option<String>,
+    /// Show the status again whenever a scene comes, goes, or has another revision, state or plan, until interrupted
+    #[arg(long, conflicts_with = "scene")]
+    pub follow: bool,
     #[command(flatten)]
     pub reach: Reach,
 }

@@ -96,7 +96,9 @@ impl Kind {
 /// What a daemon refuses for the reason for which the in-process planner would fail is of the same kind.
 fn client_kind(error: &ClientError) -> Kind {
     match error {
-        ClientError::Refused { code: RefusalCode::Import | RefusalCode::Configuration, .. } => Kind::InputFile,
+        ClientError::Refused { code: RefusalCode::Import | RefusalCode::Unreadable | RefusalCode::Configuration, .. } => {
+            Kind::InputFile
+        }
         ClientError::Refused { code: RefusalCode::Field | RefusalCode::Plan, .. } => Kind::NoPlan,
         ClientError::Refused { .. } => Kind::Refused,
         ClientError::Path { .. } => Kind::InputFile,

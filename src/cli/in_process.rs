@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use nalgebra::Point3;
+use overfly_wire::message::plain_scene_name;
 
 use super::arguments::OrderArgs;
 use super::failure::Failure;
@@ -28,7 +29,9 @@ pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportRepo
     let bytes = read_bytes(path)?;
     // The daemon is told absolute paths too: both give a file without a telling name that of its folder.
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    Ok(scene::read(&path.to_string_lossy(), &bytes, &settings.proxy)?)
+    let (mut scene, report) = scene::read(&path.to_string_lossy(), &bytes, &settings.proxy)?;
+    scene.name = plain_scene_name(&scene.name);
+    Ok((scene, report))
 }
 
 /// The bytes of a scene file.

@@ -1,6 +1,8 @@
 //! `overfly load`: a scene file for the daemon.
 
-use overfly_client::{Loaded, SceneSource};
+use std::path::Path;
+
+use overfly_client::{Client, ClientError, Loaded, RefusalCode, SceneSource};
 use serde_json::{Value, json};
 
 use super::answer::{self, Answer, Form};
@@ -11,13 +13,27 @@ use super::{daemon, in_process};
 
 pub fn run(arguments: &LoadArgs, form: Form) -> Result<Answer, Failure> {
     // Reading it here first tells a wrong path from a daemon that may not read it.
-    in_process::read_bytes(&arguments.file)?;
+    let bytes = in_process::read_bytes(&arguments.file)?;
     let client = daemon::connect(arguments.reach.domain.as_deref())?;
-    let mut meter = Meter::new(form);
-    let source = SceneSource::Path(arguments.file.clone());
-    let loaded = client.load(source, arguments.name.as_deref(), &mut |note| meter.note(note))?;
-    drop(meter);
+    let loaded = match load(&client, SceneSource::Path(arguments.file.clone()), arguments, form) {
+        Err(ClientError::Refused { code: RefusalCode::Unreadable, message }) => {
+            form.remark(&format!("{message}\nso its content is sent"));
+            load(&client, content(&arguments.file, bytes), arguments, form)?
+        }
+        other => other?,
+    };
     Ok(answer(&loaded))
+}
+
+fn load(client: &Client, source: SceneSource, arguments: &LoadArgs, form: Form) -> Result<Loaded, ClientError> {
+    let mut meter = Meter::new(form);
+    client.load(source, arguments.name.as_deref(), &mut |note| meter.note(note))
+}
+
+/// The file as it is sent: under the same name that the daemon would have given it.
+fn content(file: &Path, bytes: Vec<u8>) -> SceneSource {
+    let path = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    SceneSource::Bytes { file_name: path.to_string_lossy().into_owned(), bytes }
 }
 
 fn answer(loaded: &Loaded) -> Answer {

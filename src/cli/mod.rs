@@ -15,6 +15,7 @@ mod outputs;
 mod plan;
 mod private_daemon;
 mod progress;
+mod scene;
 mod serve;
 mod settings_file;
 mod status;
@@ -56,7 +57,9 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Plan(arguments) => plan::run(arguments, form).map(Some),
         Command::Edit(arguments) => edit::run(arguments, form).map(Some),
         Command::Watch(arguments) => watch::run(arguments, form).map(|()| None),
-        Command::Status(arguments) => status::run(arguments).map(Some),
+        Command::Cancel(arguments) => scene::cancel(arguments).map(Some),
+        Command::Unload(arguments) => scene::unload(arguments).map(Some),
+        Command::Status(arguments) => status::run(arguments, form),
         Command::Reload(reach) => status::reload(reach).map(Some),
         Command::Stop(reach) => status::stop(reach).map(Some),
         Command::Bench(arguments) => bench::run(arguments, form).map(Some),

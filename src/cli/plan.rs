@@ -11,7 +11,14 @@ use super::{daemon, in_process, settings_file};
 use crate::mission::run_json::Engine;
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
-    if Path::new(&arguments.scene).is_file() { plan_file(arguments, form) } else { plan_loaded(arguments, form) }
+    let scene = &arguments.scene;
+    if Path::new(scene).is_file() || looks_like_path(scene) { plan_file(arguments, form) } else { plan_loaded(arguments, form) }
+}
+
+/// A mistyped path must not be looked up among the loaded scenes.
+fn looks_like_path(scene: &str) -> bool {
+    let lower = scene.to_lowercase();
+    scene.contains('/') || [".geojson", ".json", ".obj"].iter().any(|ending| lower.ends_with(ending))
 }
 
 fn plan_file(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {

@@ -1,18 +1,34 @@
 //! `overfly status`: the daemon with its scenes, or the structures of one scene. `overfly reload` and `overfly stop` stand beside it.
 
-use overfly_client::{SceneState, SceneStatus, Status, StructureInfo};
+use std::time::Duration;
+
+use overfly_client::{Client, SceneState, SceneStatus, Status, StructureInfo};
 use serde_json::{Value, json};
 
-use super::answer::{self, Answer};
+use super::answer::{self, Answer, Form};
 use super::arguments::{Reach, StatusArgs};
 use super::daemon;
 use super::failure::Failure;
 
-pub fn run(arguments: &StatusArgs) -> Result<Answer, Failure> {
+/// How long to wait for a status before asking whether the daemon is still there.
+const ASK_AGAIN: Duration = Duration::from_secs(5);
+
+pub fn run(arguments: &StatusArgs, form: Form) -> Result<Option<Answer>, Failure> {
     let client = daemon::connect(arguments.reach.domain.as_deref())?;
     match &arguments.scene {
-        Some(scene) => Ok(structures(scene, &client.structures(scene)?)),
-        None => Ok(overview(&client.status()?)),
+        Some(scene) => Ok(Some(structures(scene, &client.structures(scene)?))),
+        None if arguments.follow => follow(&client, form).map(|()| None),
+        None => Ok(Some(overview(&client.status()?))),
+    }
+}
+
+fn follow(client: &Client, form: Form) -> Result<(), Failure> {
+    let feed = client.status_feed()?;
+    loop {
+        match feed.next(ASK_AGAIN)? {
+            Some(status) => form.print(&overview(&status)),
+            None => drop(client.ping()?),
+        }
     }
 }
 

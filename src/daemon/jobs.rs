@@ -1,5 +1,6 @@
 //! Work that takes longer than the main loop may pause: reading scene files, building fields, searching. Every job has a thread
-//! of its own, computes in the daemon's pool, and posts what it found; it never touches the daemon's state.
+//! of its own and posts what it found; it never touches the daemon's state. Only what is parallel inside of it runs in the compute
+//! pool, so that jobs share the processor and none waits for another.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -8,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use overfly_table::Block;
 use overfly_wire::{ProgressNote, Refusal, RefusalCode, Stage};
-use rayon::ThreadPool;
 
 use super::budget::{Budget, OverBudget};
+use super::crew::{self, Crew};
 use super::field_channel::{FieldChannel, FieldChannelError, FilledField};
 use super::scene_file::{self, SceneFile};
 use super::wake::Mail;
@@ -71,7 +72,7 @@ pub struct PlannedFlight {
 /// What every job needs.
 #[derive(Clone, Debug)]
 pub struct Workshop {
-    pub pool: Arc<ThreadPool>,
+    pub crew: Arc<Crew>,
     pub budget: Arc<Budget>,
     pub mail: Mail<News>,
 }
@@ -115,10 +116,10 @@ impl Workshop {
         self.spawn(assignment, move |workshop, assignment| {
             workshop.note(assignment, Stage::Read);
             let max_bytes = settings.daemon.max_scene_mb.saturating_mul(1_000_000);
-            let read = workshop.pool.install(|| match source {
+            let read = match source {
                 FileSource::Path(path) => scene_file::read_path(&path, max_bytes, &settings.proxy),
                 FileSource::Bytes { file_name, bytes } => scene_file::read_bytes(&file_name, &bytes, &settings.proxy),
-            });
+            };
             Ok(NewsKind::Read(Box::new(read.map_err(Failure::Refused)?)))
         });
     }
@@ -126,16 +127,13 @@ impl Workshop {
     /// Builds a field in the shared memory where it will be read.
     pub fn build(&self, assignment: Assignment, source: FieldSource, channel: Arc<FieldChannel>) {
         self.spawn(assignment, move |workshop, assignment| {
-            let built = workshop.pool.install(|| workshop.build_field(assignment, source, &channel))?;
-            Ok(NewsKind::Built(Box::new(built)))
+            workshop.build_field(assignment, source, &channel).map(|built| NewsKind::Built(Box::new(built)))
         });
     }
 
     /// Plans one flight.
     pub fn plan(&self, assignment: Assignment, flight: Flight) {
-        self.spawn(assignment, move |workshop, assignment| {
-            workshop.pool.install(|| workshop.plan_flight(assignment, &flight)).map(NewsKind::Planned)
-        });
+        self.spawn(assignment, move |workshop, assignment| workshop.plan_flight(assignment, &flight).map(NewsKind::Planned));
     }
 
     fn build_field(&self, assignment: &Assignment, source: FieldSource, channel: &FieldChannel) -> Result<BuiltField, Failure> {
@@ -174,25 +172,25 @@ impl Workshop {
             search_s: (searched - started).as_secs_f64(),
             check_s: searched.elapsed().as_secs_f64(),
             total_s: assignment.taken_up.elapsed().as_secs_f64(),
-            threads: u32::try_from(self.pool.current_num_threads()).unwrap_or(u32::MAX),
+            threads: u32::try_from(rayon::current_num_threads()).unwrap_or(u32::MAX),
         };
         Ok(PlannedFlight { table: plan_table::to_blocks(&plan, &times) })
     }
 
-    /// Runs `work` on a thread of its own. A panic in it is a defect that costs the request, not the daemon.
+    /// Runs `work` on a thread of its own, as soon as there is one. A panic in it is a defect that costs the request, not the daemon.
     fn spawn<W>(&self, assignment: Assignment, work: W)
     where
         W: FnOnce(&Workshop, &Assignment) -> Result<NewsKind, Failure> + Send + 'static,
     {
         let workshop = self.clone();
-        let (job, mail) = (assignment.job, self.mail.clone());
+        let (job, stop, mail) = (assignment.job, assignment.stop.clone(), self.mail.clone());
         let body = move || {
-            let done = catch_unwind(AssertUnwindSafe(|| work(&workshop, &assignment)));
+            let work = || if assignment.stop.is_abandoned() { Err(Failure::Stopped) } else { work(&workshop, &assignment) };
+            let done = catch_unwind(AssertUnwindSafe(work));
             let done = done.unwrap_or_else(|panic| Err(Failure::Refused(defect(&*panic))));
             mail.post(News { job, kind: done.unwrap_or_else(NewsKind::Failed) });
         };
-        let started = std::thread::Builder::new().name(format!("job-{}", job.0)).spawn(body);
-        if let Err(error) = started {
+        if let Err(error) = self.crew.take_on(crew::Job { stop, run: Box::new(body) }) {
             let refusal = Refusal::new(RefusalCode::Busy, format!("no thread can be started ({error}); try again later"));
             self.mail.post(News { job, kind: NewsKind::Failed(Failure::Refused(refusal)) });
         }

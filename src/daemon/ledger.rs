@@ -6,6 +6,8 @@ use overfly_wire::Reply;
 
 /// Requests that are remembered after they were answered.
 const REMEMBERED: usize = 256;
+/// Bytes of replies that are remembered; the newest is remembered whatever its length.
+const REMEMBERED_BYTES: usize = 16 << 20;
 
 /// A request of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -27,8 +29,9 @@ struct Entry {
 #[derive(Debug, Default)]
 pub struct Ledger {
     entries: HashMap<Ticket, Entry>,
-    /// Those that are finished, oldest first.
-    finished: VecDeque<Ticket>,
+    /// Those that are finished, oldest first, with the length of their replies.
+    finished: VecDeque<(Ticket, usize)>,
+    finished_bytes: usize,
 }
 
 /// What to do with a request that has just come in.
@@ -89,17 +92,31 @@ impl Ledger {
     }
 
     fn finish(&mut self, ticket: Ticket) {
-        self.finished.push_back(ticket);
-        if self.finished.len() > REMEMBERED
-            && let Some(oldest) = self.finished.pop_front()
-        {
+        let Some(entry) = self.entries.get(&ticket) else { return };
+        let bytes = entry.reply.iter().chain(&entry.outcome).map(length).sum();
+        self.finished.push_back((ticket, bytes));
+        self.finished_bytes += bytes;
+        while self.finished.len() > REMEMBERED || (self.finished_bytes > REMEMBERED_BYTES && self.finished.len() > 1) {
+            let Some((oldest, bytes)) = self.finished.pop_front() else { return };
+            self.finished_bytes -= bytes;
             self.entries.remove(&oldest);
         }
     }
 }
 
+/// About how much memory a reply takes beyond its fixed size, bytes.
+fn length(reply: &Reply) -> usize {
+    match reply {
+        Reply::Loaded(loaded) => loaded.report_json.len() + loaded.report_lines.iter().map(String::len).sum::<usize>(),
+        Reply::Refused(refusal) => refusal.message.len(),
+        _ => 0,
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use overfly_wire::{Refusal, RefusalCode};
+
     use super::*;
 
     const TICKET: Ticket = Ticket { client: 1, correlation: 1 };
@@ -138,5 +155,19 @@ mod tests {
         }
         assert_eq!(ledger.see(TICKET), Seen::Pending);
         assert_eq!(ledger.entries.len(), REMEMBERED + 1);
+    }
+
+    #[test]
+    fn long_answers_are_forgotten_earlier_than_short_ones() {
+        let mut ledger = Ledger::default();
+        let long = Reply::Refused(Refusal::new(RefusalCode::Import, "x".repeat(REMEMBERED_BYTES / 3)));
+        for correlation in 0..10 {
+            let ticket = Ticket { client: 1, correlation };
+            ledger.see(ticket);
+            ledger.answer(ticket, &long, false);
+        }
+        assert_eq!(ledger.entries.len(), 3);
+        assert_eq!(ledger.see(Ticket { client: 1, correlation: 9 }), Seen::Answered(long));
+        assert_eq!(ledger.see(TICKET), Seen::New);
     }
 }

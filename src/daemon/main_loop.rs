@@ -18,6 +18,9 @@ use crate::settings::Settings;
 /// How often dead clients are cleaned up after, and new ones looked for.
 const TICK: Duration = Duration::from_secs(1);
 
+/// Requests that are taken up before the loop looks at signals and results again.
+const REQUESTS_AT_ONCE: usize = 64;
+
 /// Everything that can happen to the daemon.
 enum Event {
     Request(BlockSample),
@@ -36,6 +39,8 @@ struct Woken {
     end: bool,
     reload: bool,
     tick: bool,
+    /// The last turn has left requests behind.
+    backlog: bool,
 }
 
 /// Runs until the daemon is asked to end and its work has ended.
@@ -58,8 +63,9 @@ pub fn run(settings: Settings, config_path: Option<PathBuf>, domain: &Domain) ->
     let on_tick = waitset.attach_interval(TICK).map_err(|error| waiting(error.to_string()))?;
 
     tracing::info!(domain = domain.name(), root = %domain.root().display(), pid = std::process::id(), "serving");
+    let mut backlog = false;
     while !daemon.has_ended() {
-        let mut woken = Woken::default();
+        let mut woken = Woken { backlog, ..Woken::default() };
         let waited = waitset.wait_and_process_once_with_timeout(
             |id| {
                 woken.bell |= id.has_event_from(&on_bell);
@@ -69,16 +75,18 @@ pub fn run(settings: Settings, config_path: Option<PathBuf>, domain: &Domain) ->
                 woken.tick |= id.has_event_from(&on_tick);
                 CallbackProgression::Continue
             },
-            daemon.patience(),
+            if backlog { Duration::ZERO } else { daemon.patience() },
         );
         waited.map_err(|error| waiting(error.to_string()))?;
-        for_each_event(&woken, &ports, &signals, &results, &result_wake, |event| react(&mut daemon, &ports, event));
+        backlog = for_each_event(&woken, &ports, &signals, &results, &result_wake, |event| react(&mut daemon, &ports, event));
+        daemon.tell_status(&ports);
     }
     tracing::info!(domain = domain.name(), "ended");
     Ok(())
 }
 
-/// Drains whatever has woken the loop. Signals come first, so that an end is not held up by a flood of requests.
+/// Drains whatever has woken the loop, but of requests only so many that signals and results have their turn in a flood of them.
+/// Returns whether requests may be left.
 fn for_each_event(
     woken: &Woken,
     ports: &Ports,
@@ -86,7 +94,7 @@ fn for_each_event(
     results: &Receiver<News>,
     result_wake: &WakeStream,
     mut react: impl FnMut(Event),
-) {
+) -> bool {
     if woken.end && signals.end.drain() {
         react(Event::Signal(Signal::End));
     }
@@ -100,10 +108,13 @@ fn for_each_event(
         }
     }
     // Requests are looked for at every tick too: a network may deliver a notification before its message.
-    if woken.bell || woken.tick {
-        while let Some(sample) = ports.receive() {
+    let mut taken = 0;
+    if woken.bell || woken.tick || woken.backlog {
+        let requests = std::iter::from_fn(|| ports.receive()).take(REQUESTS_AT_ONCE);
+        requests.for_each(|sample| {
+            taken += 1;
             react(Event::Request(sample));
-        }
+        });
     }
     if woken.results {
         result_wake.drain();
@@ -114,6 +125,7 @@ fn for_each_event(
     if woken.tick {
         react(Event::Tick);
     }
+    taken == REQUESTS_AT_ONCE
 }
 
 fn react(daemon: &mut Daemon, ports: &Ports, event: Event) {

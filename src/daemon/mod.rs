@@ -2,16 +2,18 @@
 //!
 //! - [`main_loop`] waits for one closed set of events and hands each to [`state`], the only code that changes anything;
 //! - [`requests`] takes up what clients ask for, [`results`] what workers have found;
-//! - [`jobs`] is the work that takes longer than the loop may pause;
+//! - [`edits`] collects the edits that are not made yet;
+//! - [`jobs`] is the work that takes longer than the loop may pause, [`crew`] the threads it runs on;
 //! - [`field_channel`] lets a field be built where clients read it, [`ports`] are the services, [`ledger`] keeps a request that
 //!   is sent twice from running twice.
 //!
 //! Nothing that a client sends can stop the daemon. A request that is refused has changed nothing.
 
-pub mod bench;
 mod budget;
 mod configuration;
 mod convert;
+mod crew;
+mod edits;
 mod field_channel;
 mod jobs;
 mod ledger;

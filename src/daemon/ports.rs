@@ -10,7 +10,7 @@ use overfly_wire::service::{
     self, Bell, BlockPublisher, BlockSample, BlockSubscriber, Channel, EVENT_ATTACH, EVENT_NEWS, EVENT_REQUEST, EventListener,
     EventNotifier, IpcNode, Memory,
 };
-use overfly_wire::{Domain, Header, Kind, Reply, WireBlock};
+use overfly_wire::{Domain, Header, Kind, Reply, Status, WireBlock};
 
 use super::DaemonError;
 use super::ledger::Ticket;
@@ -37,6 +37,7 @@ pub struct Ports {
     requests: BlockSubscriber,
     replies: BlockPublisher,
     plans: BlockPublisher,
+    status: BlockPublisher,
     news: EventNotifier,
     /// Name of this daemon's life in headers.
     pub instance: u64,
@@ -50,11 +51,12 @@ impl Ports {
         let requests = service::subscriber(&service::provide(&node, Channel::Requests)?)?;
         let replies = service::publisher(&service::provide(&node, Channel::Replies)?, Memory::Growing)?;
         let plans = service::publisher(&service::provide(&node, Channel::Plans)?, Memory::Growing)?;
+        let status = service::publisher(&service::provide(&node, Channel::Status)?, Memory::Growing)?;
         let news = service::notifier(&service::provide_bell(&node, Bell::Clients)?)?;
         let bell = service::listener(&service::provide_bell(&node, Bell::Daemon)?)?;
         let unique = node.id().value();
         let instance = ((unique >> 64) as u64 ^ unique as u64).max(1);
-        Ok(Self { bell, requests, replies, plans, news, instance, node })
+        Ok(Self { bell, requests, replies, plans, status, news, instance, node })
     }
 
     /// Takes what clients have rung for. Must be called after every wake-up, or the loop spins.
@@ -99,9 +101,17 @@ impl Ports {
             .map_err(|cause| SendError { what: "a plan", cause })
     }
 
+    /// Publishes the status to everybody.
+    pub fn publish_status(&self, status: &Status) -> Result<(), SendError> {
+        let failed = |cause: String| SendError { what: "the status", cause };
+        let body = codec::encode(status, codec::MAX_STATUS_BYTES).map_err(|error| failed(error.to_string()))?;
+        let header = Header { instance: self.instance, body_bytes: body.len() as u64, ..Header::new(Kind::Status) };
+        self.send(&self.status, header, frame::blocks(body.len(), 0), |blocks| frame::fill(blocks, &body, &[])).map_err(failed)
+    }
+
     /// Connects subscribers that have come since.
     pub fn update(&self) {
-        for (publisher, what) in [(&self.replies, "replies"), (&self.plans, "plans")] {
+        for (publisher, what) in [(&self.replies, "replies"), (&self.plans, "plans"), (&self.status, "status")] {
             if let Err(error) = publisher.update_connections() {
                 tracing::warn!(%error, what, "a client cannot be connected");
             }

@@ -11,14 +11,15 @@ use overfly_wire::frame::{self, Limits};
 use overfly_wire::{EditOrder, Header, Kind, PlanOrder, Refusal, RefusalCode, Reply, Request, Status};
 
 use super::convert;
-use super::jobs::{FieldSource, FileSource};
+use super::edits::{self, PendingEdit};
+use super::jobs::{FileSource, JobId};
 use super::ledger::{Outcome, Seen, Ticket};
 use super::ports::Ports;
-use super::scenes::{Current, Queued, Slot, Task};
+use super::scenes::{Current, Queued, Slot};
 use super::state::{Daemon, Reading, stopping, tell};
 
-/// Jobs that may run at the same time; more would only wait for one another.
-const MAX_RUNNING: usize = 32;
+/// Jobs that may run or wait for a thread at the same time.
+const MAX_RUNNING: usize = 64;
 
 impl Daemon {
     /// Takes up one request, or refuses it. `header` and `payload` lie in memory that the sender can still change.
@@ -68,7 +69,7 @@ impl Daemon {
                 let last = last.ok_or_else(|| Refusal::new(RefusalCode::UnknownScene, message()))?;
                 let sent = ports.publish_plan(last.header, &last.table);
                 sent.map_err(|error| Refusal::new(RefusalCode::Memory, error.to_string()))?;
-                Reply::Done
+                Reply::Planned { epoch: last.header.epoch }
             }
             Request::Outcome { correlation } => {
                 match self.ledger.outcome(Ticket { client: ticket.client, correlation: *correlation }) {
@@ -107,13 +108,14 @@ impl Daemon {
             return Err(stopping());
         }
         tell(ports, ticket, &Reply::Acknowledged);
+        self.changed = true;
         match request {
             Request::LoadPath { path, name } => {
                 self.load(ticket, FileSource::Path(PathBuf::from(OsString::from_vec(path))), name)
             }
             Request::LoadBytes { file_name, name } => self.load(ticket, FileSource::Bytes { file_name, bytes: bulk }, name),
             Request::Plan { scene, order } => self.plan(ports, ticket, &scene, order),
-            Request::Edit { scene, edit } => self.edit(ports, ticket, &scene, &edit),
+            Request::Edit { scene, edit } => self.edit(ports, ticket, &scene, edit),
             Request::Cancel { scene } => self.cancel(ports, ticket, &scene),
             Request::Unload { scene } => self.unload(ports, ticket, &scene),
             Request::Reload => {
@@ -144,59 +146,43 @@ impl Daemon {
     fn plan(&mut self, ports: &Ports, ticket: Ticket, scene: &str, order: PlanOrder) -> Result<(), Refusal> {
         self.check_room()?;
         convert::check_plan(&order)?;
-        let queued = Queued { ticket, order, taken_up: Instant::now() };
-        let slot = self.slot(scene)?;
-        let builds = slot.work.as_ref().is_some_and(|work| !matches!(work.task, Task::Search(_)));
-        if !builds && slot.current.is_none() {
+        if self.slot(scene)?.current.is_none() && self.slot(scene)?.loads.is_empty() {
             return Err(no_field(scene));
         }
-        if builds {
-            // The search starts as soon as the field is ready.
-            let replaced = self.scenes.get_mut(scene).and_then(|slot| slot.queued.replace(queued));
-            if let Some(replaced) = replaced {
-                let message = format!("a newer plan request on the scene {scene:?} took the place of this one");
-                self.refuse(ports, replaced.ticket, Refusal::new(RefusalCode::Superseded, message));
-            }
-            return Ok(());
+        self.supersede_search(ports, scene, "a newer plan request");
+        self.supersede_queued(ports, scene, "a newer plan request");
+        if let Some(slot) = self.scenes.get_mut(scene) {
+            slot.orders.accept(&order);
+            slot.queued = Some(Queued { ticket, order, taken_up: Instant::now(), field_s: 0.0 });
         }
-        self.supersede(ports, scene, "a newer plan request");
-        self.start_search(scene, queued, 0.0);
+        self.advance(ports, scene);
         Ok(())
     }
 
-    fn edit(&mut self, ports: &Ports, ticket: Ticket, scene: &str, order: &EditOrder) -> Result<(), Refusal> {
+    /// Accepts an edit that makes sense. It is answered when its field stands; until then nothing else is changed.
+    fn edit(&mut self, ports: &Ports, ticket: Ticket, scene: &str, order: EditOrder) -> Result<(), Refusal> {
         self.check_room()?;
         let slot = self.slot(scene)?;
-        let loads = slot.work.as_ref().is_some_and(|work| matches!(work.task, Task::Load(_)));
-        let Some(session) = slot.session.as_ref().filter(|_| !loads) else { return Err(still_loading(scene)) };
-        let mut edited = session.clone();
-        let change = convert::edit(edited.scene(), order)?;
-        edited.apply(&change).map_err(|error| convert::edit_refusal(&error))?;
-        // From here on the edit is made; everything that was going on belongs to an older scene.
-        let (revision, again, taken_up) = (edited.revision(), slot.last_order.clone(), Instant::now());
-        self.supersede(ports, scene, "an edit");
-        let replan_follows = again.is_some();
+        let Some(current) = slot.current.as_ref().filter(|_| slot.loads.is_empty()) else { return Err(still_loading(scene)) };
+        let session = edits::apply(slot.edits.latest().unwrap_or(&current.session), &order)?;
+        tracing::debug!(scene, revision = session.revision(), ?order, "edit accepted");
         if let Some(slot) = self.scenes.get_mut(scene) {
-            slot.session = Some(edited.clone());
-            slot.queued = again.map(|order| Queued { ticket, order, taken_up });
+            slot.edits.push(PendingEdit { ticket, order, session, taken_up: Instant::now() });
         }
-        tracing::info!(scene, revision, ?change, replan_follows, "edited");
-        self.answer(ports, ticket, &Reply::Edited { revision, replan_follows }, replan_follows);
-        self.start_build(scene, FieldSource::Session(Box::new(edited)), Task::Rebuild, taken_up);
+        self.advance(ports, scene);
         Ok(())
     }
 
     fn cancel(&mut self, ports: &Ports, ticket: Ticket, scene: &str) -> Result<(), Refusal> {
         self.slot(scene)?;
-        let queued = self.scenes.get_mut(scene).and_then(|slot| slot.queued.take());
-        if let Some(queued) = queued {
-            let message = format!("the search on the scene {scene:?} was cancelled before it began");
-            self.refuse(ports, queued.ticket, Refusal::new(RefusalCode::Superseded, message));
-        }
-        if let Some(work) = &self.slot(scene)?.work
-            && let Task::Search(_) = work.task
-        {
-            work.assignment.stop.stop();
+        if let Some(slot) = self.scenes.get_mut(scene) {
+            slot.search.iter().for_each(|search| search.assignment.stop.stop());
+            let queued = slot.queued.take();
+            queued.iter().for_each(|queued| slot.orders.take_back(&queued.order));
+            if let Some(queued) = queued {
+                let message = format!("the search on the scene {scene:?} was cancelled before it began");
+                self.refuse(ports, queued.ticket, Refusal::new(RefusalCode::Superseded, message));
+            }
         }
         self.answer(ports, ticket, &Reply::Done, false);
         Ok(())
@@ -204,7 +190,8 @@ impl Daemon {
 
     fn unload(&mut self, ports: &Ports, ticket: Ticket, scene: &str) -> Result<(), Refusal> {
         self.slot(scene)?;
-        self.supersede(ports, scene, "unloading");
+        self.supersede_all(ports, scene, JobId(u64::MAX), "unloading");
+        self.supersede_queued(ports, scene, "unloading");
         self.scenes.remove(scene);
         tracing::info!(scene, "unloaded");
         self.answer(ports, ticket, &Reply::Done, false);
@@ -228,17 +215,20 @@ impl Daemon {
         if self.running < MAX_RUNNING {
             return Ok(());
         }
-        Err(Refusal::new(RefusalCode::Busy, format!("{MAX_RUNNING} jobs are running already; try again when some have ended")))
+        Err(Refusal::new(
+            RefusalCode::Busy,
+            format!("{MAX_RUNNING} jobs are running or waiting already; try again when some have ended"),
+        ))
     }
 
-    fn status(&self) -> Status {
+    pub(super) fn status(&self) -> Status {
         Status {
             version: env!("CARGO_PKG_VERSION").into(),
             domain: self.domain.name().into(),
             pid: std::process::id(),
             instance: self.instance,
             uptime_s: self.started.elapsed().as_secs_f64(),
-            threads: u32::try_from(self.workshop.pool.current_num_threads()).unwrap_or(u32::MAX),
+            threads: u32::try_from(rayon::current_num_threads()).unwrap_or(u32::MAX),
             field_bytes: self.workshop.budget.used(),
             budget_bytes: self.workshop.budget.limit(),
             resident_mb: resident_mb(),

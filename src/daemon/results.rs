@@ -5,12 +5,13 @@ use std::sync::Arc;
 use overfly_table::{Block, PlanTable};
 use overfly_wire::{Header, Kind, Loaded, Refusal, RefusalCode, Reply, message};
 
+use super::edits::PendingEdit;
 use super::field_channel::FieldChannel;
 use super::jobs::{BuiltField, Failure, FieldSource, JobId, News, NewsKind, PlannedFlight};
 use super::ledger::Ticket;
 use super::ports::Ports;
 use super::scene_file::SceneFile;
-use super::scenes::{Current, FieldFigures, LastPlan, Load, Queued, Search, Slot, Task, Work};
+use super::scenes::{Current, FieldFigures, LastPlan, Load, Orders, Queued, Search, Slot, Task};
 use super::state::{Daemon, Reading, stopping, tell};
 
 impl Daemon {
@@ -18,6 +19,7 @@ impl Daemon {
     pub fn on_news(&mut self, ports: &Ports, news: News) {
         if !matches!(news.kind, NewsKind::Progress(_)) {
             self.running -= 1;
+            self.changed = true;
         }
         if self.reading.contains_key(&news.job) {
             self.on_reading(ports, news);
@@ -25,17 +27,18 @@ impl Daemon {
         }
         let Some(scene) = self.owners.get(&news.job).cloned() else { return };
         if let NewsKind::Progress(_) = news.kind {
-            self.on_progress(ports, &scene, &news.kind);
+            self.on_progress(ports, &scene, &news);
             return;
         }
         self.owners.remove(&news.job);
-        let Some(work) = self.scenes.get_mut(&scene).and_then(|slot| slot.work.take()) else { return };
-        match (news.kind, work.task) {
+        let Some(task) = self.scenes.get_mut(&scene).and_then(|slot| slot.take_task(news.job)) else { return };
+        match (news.kind, task) {
             (NewsKind::Built(built), task) => self.on_built(ports, &scene, *built, task),
             (NewsKind::Planned(flight), Task::Search(search)) => self.on_planned(ports, &scene, flight, search),
             (NewsKind::Failed(failure), task) => self.on_failed(ports, &scene, failure, task),
             (NewsKind::Progress(_) | NewsKind::Read(_) | NewsKind::Planned(_), _) => {}
         }
+        self.advance(ports, &scene);
     }
 
     fn on_reading(&mut self, ports: &Ports, news: News) {
@@ -71,71 +74,115 @@ impl Daemon {
             return Err(stopping());
         }
         let SceneFile { mut scene, report_json, report_lines, read_s } = file;
-        let name = reading.name.unwrap_or_else(|| plain_name(&scene.name));
+        let name = reading.name.unwrap_or_else(|| message::plain_scene_name(&scene.name));
         message::check_scene_name(&name)?;
         scene.name = name.clone();
-        if self.scenes.contains_key(&name) {
-            self.supersede(ports, &name, "a newer load");
-        } else {
-            let channel = FieldChannel::create(&ports.node, &name);
-            let channel = channel.map_err(|error| Refusal::new(RefusalCode::Memory, error.to_string()))?;
-            self.scenes.insert(name.clone(), Slot::new(channel));
+        let request = reading.assignment.job;
+        match self.scenes.get(&name) {
+            Some(slot) if slot.current.as_ref().is_some_and(|current| current.request > request) => {
+                self.refuse_superseded(ports, &name, [reading.ticket], "a newer load");
+                return Ok(());
+            }
+            Some(_) => {}
+            None => {
+                let channel = FieldChannel::create(&ports.node, &name);
+                let channel = channel.map_err(|error| Refusal::new(RefusalCode::Memory, error.to_string()))?;
+                self.scenes.insert(name.clone(), Slot::new(channel));
+            }
         }
         tracing::info!(scene = name, structures = scene.structures.len(), read_s, "read");
-        let taken_up = reading.assignment.taken_up;
-        let load = Load { ticket: reading.ticket, report_json, report_lines, read_s, taken_up };
+        let (ticket, taken_up) = (reading.ticket, reading.assignment.taken_up);
         let source = FieldSource::Scene(Box::new(scene), reading.settings);
-        self.start_build(&name, source, Task::Load(Box::new(load)), taken_up);
+        let assignment = self.start_build(&name, source, taken_up);
+        if let Some(slot) = self.scenes.get_mut(&name) {
+            slot.loads.push(Load { assignment, request, ticket, report_json, report_lines, read_s, taken_up });
+        }
         Ok(())
     }
 
-    /// Passes progress to whoever waits, and notes that a search has got under way.
-    fn on_progress(&mut self, ports: &Ports, scene: &str, kind: &NewsKind) {
-        let NewsKind::Progress(note) = kind else { return };
-        let Some(slot) = self.scenes.get_mut(scene) else { return };
-        let ticket = match &slot.work {
-            Some(Work { task: Task::Load(load), .. }) => Some(load.ticket),
-            Some(Work { task: Task::Search(search), .. }) => {
-                slot.last_order = Some(search.order.clone());
-                Some(search.ticket)
-            }
-            Some(Work { task: Task::Rebuild, .. }) => slot.queued.as_ref().map(|queued| queued.ticket),
-            None => None,
-        };
-        ticket.into_iter().for_each(|ticket| tell(ports, ticket, &Reply::Progress(*note)));
+    /// Passes progress to whoever waits.
+    fn on_progress(&self, ports: &Ports, scene: &str, news: &News) {
+        let NewsKind::Progress(note) = news.kind else { return };
+        let tickets = self.scenes.get(scene).map(|slot| slot.waiting_for(news.job));
+        tickets.into_iter().flatten().for_each(|ticket| tell(ports, ticket, &Reply::Progress(note)));
     }
 
-    /// Publishes a field and starts the search that waits for it.
+    /// Publishes a field: from now on the load or the edits that it was built for are made.
     fn on_built(&mut self, ports: &Ports, scene: &str, built: BuiltField, task: Task) {
         let field_s = built.field_s;
-        let current = match self.publish_field(scene, built) {
+        let request = match (&task, self.scenes.get(scene).and_then(|slot| slot.current.as_ref())) {
+            (Task::Load(load), _) => load.request,
+            (_, Some(current)) => current.request,
+            (_, None) => return,
+        };
+        let current = match self.publish_field(scene, built, request) {
             Ok(current) => current,
             Err(failure) => return self.on_failed(ports, scene, failure, task),
         };
-        let Some(slot) = self.scenes.get_mut(scene) else { return };
         let (revision, figures, field_bytes) = (current.session.revision(), current.figures, current.field_bytes);
         tracing::info!(scene, revision, epoch = current.epoch, field_s, field_bytes, ?figures, "field published");
-        if let Task::Load(load) = task {
-            slot.session = Some(current.session.clone());
-            slot.last_order = None;
-            slot.last_plan = None;
-            slot.current = Some(current);
-            let ticket = load.ticket;
-            let loaded = Loaded { revision, ..loaded(scene, *load, figures, field_bytes, field_s) };
-            self.answer(ports, ticket, &Reply::Loaded(loaded), false);
-        } else {
-            slot.current = Some(current);
+        match task {
+            Task::Load(load) => {
+                self.supersede_all(ports, scene, load.request, "a newer load");
+                self.install(scene, current, field_s);
+                let ticket = load.ticket;
+                if self.scenes.get(scene).and_then(|slot| slot.queued.as_ref()).is_some_and(|q| q.taken_up < load.taken_up) {
+                    self.supersede_queued(ports, scene, "a newer load");
+                }
+                if let Some(slot) = self.scenes.get_mut(scene) {
+                    slot.orders = Orders::default();
+                    slot.queued.iter().for_each(|queued| slot.orders.accept(&queued.order));
+                    slot.last_plan = None;
+                }
+                let loaded = Loaded { revision, ..loaded(scene, load, figures, field_bytes, field_s) };
+                self.answer(ports, ticket, &Reply::Loaded(loaded), false);
+            }
+            Task::Rebuild(batch) => {
+                self.supersede_search(ports, scene, "an edit");
+                self.install(scene, current, field_s);
+                self.answer_edits(ports, scene, batch.edits, field_s);
+            }
+            Task::Search(_) => {}
         }
         ports.ring();
-        let queued = self.scenes.get_mut(scene).and_then(|slot| slot.queued.take());
-        match queued {
-            Some(Queued { ticket, .. }) if self.is_ending() => self.refuse(ports, ticket, stopping()),
-            Some(queued) => self.start_search(scene, queued, field_s),
-            None => {}
+    }
+
+    fn install(&mut self, scene: &str, current: Current, field_s: f64) {
+        let Some(slot) = self.scenes.get_mut(scene) else { return };
+        slot.current = Some(current);
+        slot.queued.iter_mut().for_each(|queued| queued.field_s = field_s);
+    }
+
+    /// Answers edits that are made now. When the scene has been planned, a plan of the same order follows the last of them.
+    fn answer_edits(&mut self, ports: &Ports, scene: &str, edits: Vec<PendingEdit>, field_s: f64) {
+        let order = self.scenes.get(scene).and_then(|slot| slot.orders.last.clone());
+        let replan_follows = order.is_some();
+        for edit in &edits {
+            let revision = edit.session.revision();
+            tracing::info!(scene, revision, order = ?edit.order, replan_follows, "edited");
+            self.answer(ports, edit.ticket, &Reply::Edited { revision, replan_follows }, replan_follows);
+        }
+        let (Some(order), Some((last, earlier))) = (order, edits.split_last()) else { return };
+        self.refuse_superseded(ports, scene, earlier.iter().map(|edit| edit.ticket), "a newer edit");
+        let queued = self.scenes.get(scene).and_then(|slot| slot.queued.as_ref());
+        if queued.is_some_and(|queued| queued.taken_up > last.taken_up) {
+            self.refuse_superseded(ports, scene, [last.ticket], "a newer plan request");
+            return;
+        }
+        self.supersede_queued(ports, scene, "an edit");
+        if let Some(slot) = self.scenes.get_mut(scene) {
+            slot.queued = Some(Queued { ticket: last.ticket, order, taken_up: last.taken_up, field_s });
         }
     }
 
-    fn publish_field(&mut self, scene: &str, built: BuiltField) -> Result<Current, Failure> {
+    /// Ends everything that runs for the scene as it was, and loads that were asked for before `request`.
+    pub(super) fn supersede_all(&mut self, ports: &Ports, scene: &str, request: JobId, by: &str) {
+        self.supersede_loads(ports, scene, request, by);
+        self.supersede_edits(ports, scene, by);
+        self.supersede_search(ports, scene, by);
+    }
+
+    fn publish_field(&mut self, scene: &str, built: BuiltField, request: JobId) -> Result<Current, Failure> {
         let BuiltField { session, survey, filled, .. } = built;
         let epoch = self.next_epoch();
         let header = Header { instance: self.instance, epoch, ..Header::new(Kind::Field) };
@@ -145,12 +192,12 @@ impl Daemon {
         let field_bytes = std::mem::size_of_val(crate::session::FieldStorage::blocks(&*held)) as u64;
         let snapshot = survey.snapshot(held)?;
         let figures = FieldFigures::of(&snapshot.field());
-        Ok(Current { session, snapshot, epoch, field_bytes, figures })
+        Ok(Current { session, request, snapshot, epoch, field_bytes, figures })
     }
 
     fn on_planned(&mut self, ports: &Ports, scene: &str, flight: PlannedFlight, search: Search) {
         let epoch = self.next_epoch();
-        let Search { ticket, order } = search;
+        let Search { ticket, order, .. } = search;
         let header = Header {
             instance: self.instance,
             epoch,
@@ -161,7 +208,7 @@ impl Daemon {
         log_plan(scene, epoch, &flight.table);
         let sent = ports.publish_plan(header, &flight.table);
         if let Some(slot) = self.scenes.get_mut(scene) {
-            slot.last_order = Some(order);
+            slot.orders.prove(order);
             slot.last_plan = Some(LastPlan { header, table: flight.table });
         }
         match sent {
@@ -177,35 +224,34 @@ impl Daemon {
             Failure::Stopped => Refusal::new(RefusalCode::Superseded, format!("the work on the scene {scene:?} was cancelled")),
         };
         match task {
-            Task::Search(search) => self.refuse(ports, search.ticket, refusal),
+            Task::Search(search) => {
+                if let Some(slot) = self.scenes.get_mut(scene).filter(|_| refusal.code == RefusalCode::Plan) {
+                    slot.orders.take_back(&search.order);
+                }
+                self.refuse(ports, search.ticket, refusal);
+            }
             Task::Load(load) => self.undo_load(ports, scene, load.ticket, &refusal),
-            Task::Rebuild => self.undo_edits(ports, scene, &refusal),
+            Task::Rebuild(batch) => self.undo_edits(ports, scene, batch.edits, &refusal),
         }
     }
 
     /// A load that failed has changed nothing: the scene that had the name before is still there.
     fn undo_load(&mut self, ports: &Ports, scene: &str, ticket: Ticket, refusal: &Refusal) {
+        self.refuse(ports, ticket, refusal.clone());
         let Some(slot) = self.scenes.get_mut(scene) else { return };
-        let waiting = slot.queued.take().map(|queued| queued.ticket);
-        if slot.current.is_none() {
+        if slot.current.is_none() && slot.loads.is_empty() {
+            let waiting = slot.queued.take();
             self.scenes.remove(scene);
-        }
-        for ticket in std::iter::once(ticket).chain(waiting) {
-            self.refuse(ports, ticket, refusal.clone());
+            waiting.into_iter().for_each(|queued| self.refuse(ports, queued.ticket, refusal.clone()));
         }
     }
 
-    /// An edit whose scene offers no field is taken back, with all edits since the last field.
-    fn undo_edits(&mut self, ports: &Ports, scene: &str, refusal: &Refusal) {
+    /// Edits whose scene offers no field are not made.
+    fn undo_edits(&mut self, ports: &Ports, scene: &str, failed: Vec<PendingEdit>, refusal: &Refusal) {
         let Some(slot) = self.scenes.get_mut(scene) else { return };
         let Some(current) = &slot.current else { return };
-        slot.session = Some(current.session.clone());
-        let revision = current.session.revision();
-        tracing::warn!(scene, revision, %refusal, "edits were undone, because no field can be built after them");
-        if let Some(queued) = slot.queued.take() {
-            let message =
-                format!("the scene is back at revision {revision}, because no field can be built after the edit: {refusal}");
-            self.refuse(ports, queued.ticket, Refusal::new(refusal.code, message));
+        for (ticket, refusal) in slot.edits.take_back(failed, &current.session, refusal) {
+            self.refuse(ports, ticket, refusal);
         }
     }
 }
@@ -244,15 +290,4 @@ fn log_plan(scene: &str, epoch: u64, table: &[Block]) {
         total_s = facts.total_s,
         "plan published"
     );
-}
-
-/// The name that a file gives, with everything replaced that a scene's name cannot hold.
-fn plain_name(name: &str) -> String {
-    let plain: String = name.chars().map(|c| if c.is_alphanumeric() || "._-+ ".contains(c) { c } else { '-' }).collect();
-    let mut end = plain.len().min(message::MAX_NAME_BYTES);
-    while !plain.is_char_boundary(end) {
-        end -= 1;
-    }
-    let plain = plain[..end].trim();
-    if plain.is_empty() { "scene".into() } else { plain.into() }
 }

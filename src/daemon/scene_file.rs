@@ -1,11 +1,13 @@
 //! Scene files as clients name or send them.
 
-use std::fs::File;
+use std::fs::{self, Metadata, OpenOptions};
 use std::io::Read;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::Instant;
 
 use overfly_wire::{Refusal, RefusalCode};
+use rustix::fs::OFlags;
 
 use crate::scene::{self, Scene};
 use crate::settings::ProxySettings;
@@ -21,16 +23,24 @@ pub struct SceneFile {
 
 /// Reads the file at `path`, which may hold at most `max_bytes`.
 pub fn read_path(path: &Path, max_bytes: u64, settings: &ProxySettings) -> Result<SceneFile, Refusal> {
-    let refuse = |cause: String| Refusal::new(RefusalCode::Import, format!("the daemon cannot read {path:?}: {cause}"));
-    let file =
-        File::open(path).map_err(|error| refuse(format!("{error}; check the path and that the daemon's user may read it")))?;
-    let metadata = file.metadata().map_err(|error| refuse(error.to_string()))?;
-    if !metadata.is_file() {
-        return Err(refuse("it is not a file; give a scene file".into()));
-    }
+    let refusal = |code, cause: String| Refusal::new(code, format!("the daemon cannot read {path:?}: {cause}"));
+    let refuse = |cause: String| refusal(RefusalCode::Unreadable, cause);
+    let unreadable = |error| refuse(format!("{error}; check the path and that the daemon's user may read it"));
+    let check = |metadata: &Metadata| match metadata.is_file() {
+        true => Ok(()),
+        false => Err(refuse("it is not a regular file; give a scene file, or send its content".into())),
+    };
+    // Looked at before it is opened, because opening a device can do something, and afterwards, because it may be another by then.
+    check(&fs::metadata(path).map_err(unreadable)?)?;
+    // A pipe that has taken its place meanwhile must not make this wait for a writer.
+    let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path).map_err(unreadable)?;
+    let metadata = file.metadata().map_err(unreadable)?;
+    check(&metadata)?;
     if metadata.len() > max_bytes {
         let (size, limit) = (metadata.len() / 1_000_000, max_bytes / 1_000_000);
-        return Err(refuse(format!("it holds {size} MB, at most {limit} MB are allowed; raise `daemon.max_scene_mb`")));
+        let cause = format!("it holds {size} MB, at most {limit} MB are allowed; raise `daemon.max_scene_mb`");
+        return Err(refusal(RefusalCode::Import, cause));
     }
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     file.take(max_bytes).read_to_end(&mut bytes).map_err(|error| refuse(error.to_string()))?;

@@ -6,28 +6,42 @@ use std::time::Instant;
 use overfly_table::{Block, FieldTable, PlanTable};
 use overfly_wire::{Header, PlanOrder, PlanSummary, SceneState, SceneStatus, StructureInfo};
 
+use super::edits::{Batch, Edits};
 use super::field_channel::FieldChannel;
-use super::jobs::Assignment;
+use super::jobs::{Assignment, JobId};
 use super::ledger::Ticket;
 use crate::session::{Session, Snapshot};
 
-/// One scene: what is published of it, what is being made, and what comes after that.
+/// One scene: what is published of it, what is being made, and what comes after that. What is being made changes nothing of what
+/// is published before it stands.
 pub struct Slot {
     pub channel: Arc<FieldChannel>,
-    /// The scene with all its edits, also those whose field is still being built. `None` while it is loaded for the first time.
-    pub session: Option<Session>,
+    /// `None` while the scene is loaded for the first time.
     pub current: Option<Current>,
-    pub work: Option<Work>,
-    /// The search that starts when the field is ready.
+    /// Scenes that were read under this name and whose fields are being built; the newest request wins.
+    pub loads: Vec<Load>,
+    pub edits: Edits,
+    pub search: Option<Search>,
+    /// The search that starts when nothing is being built any more.
     pub queued: Option<Queued>,
-    /// The order of the last search that got under way: an edit is followed by a plan of the same order.
-    pub last_order: Option<PlanOrder>,
+    pub orders: Orders,
     pub last_plan: Option<LastPlan>,
+}
+
+/// What an edit is followed by.
+#[derive(Default)]
+pub struct Orders {
+    /// The order of the last search that was accepted: an edit is followed by a plan of the same order.
+    pub last: Option<PlanOrder>,
+    /// The order of the last search that gave a plan.
+    proven: Option<PlanOrder>,
 }
 
 /// The field that clients see, and the scene it was built of.
 pub struct Current {
     pub session: Session,
+    /// The load that the scene came with.
+    pub request: JobId,
     pub snapshot: Snapshot,
     pub epoch: u64,
     pub field_bytes: u64,
@@ -44,23 +58,18 @@ pub struct FieldFigures {
     pub capturable_percent: f64,
 }
 
-/// A running job of a scene.
-pub struct Work {
-    pub assignment: Assignment,
-    pub task: Task,
-}
-
 /// What a job is for.
 pub enum Task {
-    /// The field of a scene that was just read.
-    Load(Box<Load>),
-    /// The field after an edit.
-    Rebuild,
+    Load(Load),
+    Rebuild(Batch),
     Search(Search),
 }
 
-/// A load that waits for its field.
+/// The field of a scene that was just read.
 pub struct Load {
+    pub assignment: Assignment,
+    /// Number of the request: of two loads of one name the later request wins, whichever file was read first.
+    pub request: JobId,
     pub ticket: Ticket,
     pub report_json: String,
     pub report_lines: Vec<String>,
@@ -68,8 +77,9 @@ pub struct Load {
     pub taken_up: Instant,
 }
 
-/// A search and who asked for it.
+/// A running search and who asked for it.
 pub struct Search {
+    pub assignment: Assignment,
     pub ticket: Ticket,
     pub order: PlanOrder,
 }
@@ -79,6 +89,8 @@ pub struct Queued {
     pub ticket: Ticket,
     pub order: PlanOrder,
     pub taken_up: Instant,
+    /// Time that building the field took, s.
+    pub field_s: f64,
 }
 
 /// The plan that was published last.
@@ -87,24 +99,84 @@ pub struct LastPlan {
     pub table: Vec<Block>,
 }
 
+impl Orders {
+    pub fn accept(&mut self, order: &PlanOrder) {
+        self.last = Some(order.clone());
+    }
+
+    pub fn prove(&mut self, order: PlanOrder) {
+        self.proven = Some(order);
+    }
+
+    /// `order` gave no plan, so that it shall not follow an edit unless it gave one before.
+    pub fn take_back(&mut self, order: &PlanOrder) {
+        if self.last.as_ref() == Some(order) {
+            self.last = self.proven.clone();
+        }
+    }
+}
+
 impl Slot {
     pub fn new(channel: Arc<FieldChannel>) -> Self {
-        Self { channel, session: None, current: None, work: None, queued: None, last_order: None, last_plan: None }
+        Self {
+            channel,
+            current: None,
+            loads: Vec::new(),
+            edits: Edits::default(),
+            search: None,
+            queued: None,
+            orders: Orders::default(),
+            last_plan: None,
+        }
+    }
+
+    /// A field is being built.
+    pub fn is_building(&self) -> bool {
+        !self.loads.is_empty() || self.edits.are_under_way()
     }
 
     pub fn state(&self) -> SceneState {
-        match &self.work {
-            None => SceneState::Idle,
-            Some(Work { task: Task::Search(_), .. }) => SceneState::Planning,
-            Some(_) => SceneState::Building,
+        match (self.is_building(), &self.search) {
+            (true, _) => SceneState::Building,
+            (false, Some(_)) => SceneState::Planning,
+            (false, None) => SceneState::Idle,
         }
+    }
+
+    /// Takes what `job` was for out of the slot.
+    pub fn take_task(&mut self, job: JobId) -> Option<Task> {
+        if let Some(index) = self.loads.iter().position(|load| load.assignment.job == job) {
+            return Some(Task::Load(self.loads.remove(index)));
+        }
+        if let Some(batch) = self.edits.building.take_if(|batch| batch.assignment.job == job) {
+            return Some(Task::Rebuild(batch));
+        }
+        self.search.take_if(|search| search.assignment.job == job).map(Task::Search)
+    }
+
+    /// Who waits for `job`.
+    pub fn waiting_for(&self, job: JobId) -> Vec<Ticket> {
+        let load = self.loads.iter().find(|load| load.assignment.job == job).map(|load| load.ticket);
+        let batch = self.edits.building.iter().filter(|batch| batch.assignment.job == job);
+        let edits =
+            batch.flat_map(|batch| batch.edits.iter().map(|edit| edit.ticket).chain(self.queued.iter().map(|q| q.ticket)));
+        let search = self.search.iter().filter(|search| search.assignment.job == job).map(|search| search.ticket);
+        load.into_iter().chain(edits).chain(search).collect()
+    }
+
+    /// Asks everything that runs for this scene to come to its end.
+    pub fn stop(&self) {
+        let loads = self.loads.iter().map(|load| &load.assignment);
+        let batch = self.edits.building.iter().map(|batch| &batch.assignment);
+        let search = self.search.iter().map(|search| &search.assignment);
+        loads.chain(batch).chain(search).for_each(|assignment| assignment.stop.stop());
     }
 
     pub fn status(&self, name: &str) -> SceneStatus {
         let figures = self.current.as_ref().map(|current| current.figures);
         SceneStatus {
             name: name.into(),
-            revision: self.session.as_ref().map_or(0, Session::revision),
+            revision: self.current.as_ref().map_or(0, |current| current.session.revision()),
             structures: figures.map_or(0, |figures| figures.structures),
             samples: figures.map_or(0, |figures| figures.samples),
             viewpoints: figures.map_or(0, |figures| figures.viewpoints),

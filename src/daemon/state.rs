@@ -5,16 +5,18 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use overfly_wire::{Domain, Refusal, RefusalCode, Reply};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use overfly_wire::{Domain, Refusal, RefusalCode, Reply, SceneStatus};
+use rayon::ThreadPoolBuilder;
 
 use super::DaemonError;
 use super::budget::Budget;
 use super::configuration::{self, ConfigurationError};
+use super::crew::Crew;
+use super::edits::Batch;
 use super::jobs::{Assignment, FieldSource, Flight, JobId, News, Workshop};
 use super::ledger::{Ledger, Ticket};
 use super::ports::Ports;
-use super::scenes::{Queued, Search, Slot, Task, Work};
+use super::scenes::{Queued, Search, Slot};
 use super::wake::Mail;
 use crate::daemon::convert;
 use crate::planner::StopToken;
@@ -22,6 +24,9 @@ use crate::settings::Settings;
 
 /// How long running work may take to notice that the daemon ends.
 const LAST_WORDS: Duration = Duration::from_secs(2);
+
+/// Jobs that run at the same time. Each computes mostly on one core, so that many long searches leave a short one its share.
+const JOBS_AT_ONCE: usize = 16;
 
 /// The daemon's state; the main thread owns it alone.
 pub struct Daemon {
@@ -42,6 +47,10 @@ pub struct Daemon {
     epoch: u64,
     next_job: u64,
     ending: Option<Instant>,
+    /// The scenes as the status last told them.
+    told: Option<Vec<SceneStatus>>,
+    /// Something may have changed since.
+    pub(super) changed: bool,
 }
 
 /// A scene file on its way.
@@ -60,12 +69,12 @@ impl Daemon {
         mail: Mail<News>,
         instance: u64,
     ) -> Result<Self, DaemonError> {
-        let pool = pool(settings.daemon.threads)?;
+        start_pool(settings.daemon.threads)?;
         let budget = Budget::new(settings.daemon.memory_budget_mb);
         Ok(Self {
             domain: domain.clone(),
             settings: Arc::new(settings),
-            workshop: Workshop { pool, budget, mail },
+            workshop: Workshop { crew: Crew::new(JOBS_AT_ONCE), budget, mail },
             ledger: Ledger::default(),
             scenes: BTreeMap::new(),
             reading: HashMap::new(),
@@ -77,6 +86,8 @@ impl Daemon {
             epoch: 0,
             next_job: 0,
             ending: None,
+            told: None,
+            changed: true,
         })
     }
 
@@ -111,6 +122,21 @@ impl Daemon {
         self.scenes.values().for_each(|slot| slot.channel.update());
     }
 
+    /// Publishes the status when a scene came, went, or has another revision, state or plan.
+    pub fn tell_status(&mut self, ports: &Ports) {
+        if !std::mem::take(&mut self.changed) {
+            return;
+        }
+        let status = self.status();
+        if self.told.as_ref() == Some(&status.scenes) {
+            return;
+        }
+        if let Err(error) = ports.publish_status(&status) {
+            tracing::warn!(%error, "subscribers did not get the status");
+        }
+        self.told = Some(status.scenes);
+    }
+
     /// Begins to end: no new work, and what runs is stopped. A stopped search still gives its best plan so far.
     pub fn on_end(&mut self, ports: &Ports) {
         if self.ending.is_some() {
@@ -118,12 +144,15 @@ impl Daemon {
         }
         tracing::info!(running = self.running, "ending");
         self.ending = Some(Instant::now());
-        let queued: Vec<Ticket> =
-            self.scenes.values_mut().filter_map(|slot| slot.queued.take()).map(|queued| queued.ticket).collect();
-        for ticket in queued {
+        let mut waiting = Vec::new();
+        for slot in self.scenes.values_mut() {
+            waiting.extend(slot.queued.take().map(|queued| queued.ticket));
+            waiting.extend(slot.edits.give_up_waiting());
+            slot.stop();
+        }
+        for ticket in waiting {
             self.refuse(ports, ticket, stopping());
         }
-        self.scenes.values().filter_map(|slot| slot.work.as_ref()).for_each(|work| work.assignment.stop.stop());
         self.reading.values().for_each(|reading| reading.assignment.stop.stop());
     }
 
@@ -142,7 +171,10 @@ impl Daemon {
         };
         let settings = configuration::read(path).map_err(|error: ConfigurationError| refused(error.to_string()))?;
         if settings.daemon.threads != self.settings.daemon.threads {
-            self.workshop.pool = pool(settings.daemon.threads).map_err(|error| refused(error.to_string()))?;
+            tracing::warn!(
+                threads = settings.daemon.threads,
+                "the number of threads cannot change while the daemon runs: restart it for that"
+            );
         }
         if settings.daemon.domain != self.settings.daemon.domain {
             tracing::warn!(
@@ -168,17 +200,42 @@ impl Daemon {
         Assignment { job: JobId(self.next_job), stop: StopToken::default(), taken_up }
     }
 
-    /// Starts to build the field of `scene`, whose slot must have no work.
-    pub(super) fn start_build(&mut self, scene: &str, source: FieldSource, task: Task, taken_up: Instant) {
+    /// Starts to build a field for `scene`.
+    pub(super) fn start_build(&mut self, scene: &str, source: FieldSource, taken_up: Instant) -> Assignment {
         let assignment = self.assign(taken_up);
-        let Some(slot) = self.scenes.get_mut(scene) else { return };
         self.owners.insert(assignment.job, scene.into());
-        self.workshop.build(assignment.clone(), source, slot.channel.clone());
-        slot.work = Some(Work { assignment, task });
+        if let Some(slot) = self.scenes.get(scene) {
+            self.workshop.build(assignment.clone(), source, slot.channel.clone());
+        }
+        assignment
     }
 
-    /// Starts a search on the current field of `scene`, whose slot must have no work.
-    pub(super) fn start_search(&mut self, scene: &str, queued: Queued, field_s: f64) {
+    /// Starts what waits on `scene` and can start: the field of the edits that wait, or the search when no field is being built.
+    pub(super) fn advance(&mut self, ports: &Ports, scene: &str) {
+        let is_ending = self.is_ending();
+        let Some(slot) = self.scenes.get_mut(scene) else { return };
+        if slot.edits.building.is_none() && !is_ending {
+            let edits = slot.edits.next_batch();
+            if let Some((first, last)) = edits.first().zip(edits.last()) {
+                let (source, taken_up) = (FieldSource::Session(Box::new(last.session.clone())), first.taken_up);
+                let assignment = self.start_build(scene, source, taken_up);
+                if let Some(slot) = self.scenes.get_mut(scene) {
+                    slot.edits.building = Some(Batch { assignment, edits });
+                }
+                return;
+            }
+        }
+        if slot.is_building() || slot.current.is_none() {
+            return;
+        }
+        match slot.queued.take() {
+            Some(queued) if is_ending => self.refuse(ports, queued.ticket, stopping()),
+            Some(queued) => self.start_search(scene, queued),
+            None => {}
+        }
+    }
+
+    fn start_search(&mut self, scene: &str, queued: Queued) {
         let assignment = self.assign(queued.taken_up);
         let Some(slot) = self.scenes.get_mut(scene) else { return };
         let Some(current) = &slot.current else { return };
@@ -186,26 +243,44 @@ impl Daemon {
             snapshot: current.snapshot.clone(),
             settings: current.session.settings().clone(),
             options: convert::plan_options(&queued.order),
-            field_s,
+            field_s: queued.field_s,
         };
         self.owners.insert(assignment.job, scene.into());
         self.workshop.plan(assignment.clone(), flight);
-        slot.work = Some(Work { assignment, task: Task::Search(Search { ticket: queued.ticket, order: queued.order }) });
+        slot.search = Some(Search { assignment, ticket: queued.ticket, order: queued.order });
     }
 
-    /// Stops what runs and waits on `scene`, and tells whoever waits for it that `by` took its place.
-    pub(super) fn supersede(&mut self, ports: &Ports, scene: &str, by: &str) {
+    /// Ends the search that runs on `scene`, and tells whoever waits for it that `by` took its place.
+    pub(super) fn supersede_search(&mut self, ports: &Ports, scene: &str, by: &str) {
+        let Some(search) = self.scenes.get_mut(scene).and_then(|slot| slot.search.take()) else { return };
+        search.assignment.stop.abandon();
+        self.owners.remove(&search.assignment.job);
+        self.refuse_superseded(ports, scene, [search.ticket], by);
+    }
+
+    /// Ends the search that waits on `scene`.
+    pub(super) fn supersede_queued(&mut self, ports: &Ports, scene: &str, by: &str) {
+        let queued = self.scenes.get_mut(scene).and_then(|slot| slot.queued.take());
+        self.refuse_superseded(ports, scene, queued.map(|queued| queued.ticket), by);
+    }
+
+    /// Gives up the edits of `scene` that are not made yet.
+    pub(super) fn supersede_edits(&mut self, ports: &Ports, scene: &str, by: &str) {
+        let edits = self.scenes.get_mut(scene).map(|slot| slot.edits.give_up());
+        self.refuse_superseded(ports, scene, edits.into_iter().flatten(), by);
+    }
+
+    /// Gives up the loads into `scene` that were asked for before `request`.
+    pub(super) fn supersede_loads(&mut self, ports: &Ports, scene: &str, request: JobId, by: &str) {
         let Some(slot) = self.scenes.get_mut(scene) else { return };
-        let mut tickets: Vec<Ticket> = slot.queued.take().map(|queued| queued.ticket).into_iter().collect();
-        if let Some(work) = slot.work.take() {
-            work.assignment.stop.abandon();
-            self.owners.remove(&work.assignment.job);
-            tickets.extend(match work.task {
-                Task::Load(load) => Some(load.ticket),
-                Task::Search(search) => Some(search.ticket),
-                Task::Rebuild => None,
-            });
-        }
+        let (older, newer): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut slot.loads).into_iter().partition(|load| load.request < request);
+        slot.loads = newer;
+        older.iter().for_each(|load| load.assignment.stop.abandon());
+        self.refuse_superseded(ports, scene, older.into_iter().map(|load| load.ticket), by);
+    }
+
+    pub(super) fn refuse_superseded(&mut self, ports: &Ports, scene: &str, tickets: impl IntoIterator<Item = Ticket>, by: &str) {
         for ticket in tickets {
             let message = format!("{by} on the scene {scene:?} took the place of this request; ask again if it is still wanted");
             self.refuse(ports, ticket, Refusal::new(RefusalCode::Superseded, message));
@@ -235,7 +310,8 @@ pub(super) fn stopping() -> Refusal {
     Refusal::new(RefusalCode::Stopping, "the daemon is ending; start it again with `overfly serve`")
 }
 
-fn pool(threads: u32) -> Result<Arc<ThreadPool>, DaemonError> {
-    let built = ThreadPoolBuilder::new().num_threads(threads as usize).thread_name(|index| format!("core-{index}")).build();
-    built.map(Arc::new).map_err(|error| DaemonError::System { what: "the worker threads", cause: error.to_string() })
+/// Starts the compute pool of this process, which takes all parallel work of all jobs.
+fn start_pool(threads: u32) -> Result<(), DaemonError> {
+    let builder = ThreadPoolBuilder::new().num_threads(threads as usize).thread_name(|index| format!("core-{index}"));
+    builder.build_global().map_err(|error| DaemonError::System { what: "the worker threads", cause: error.to_string() })
 }

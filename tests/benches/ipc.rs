@@ -2,12 +2,14 @@
 //!
 //! `cargo bench --bench ipc` prints median, p99 and spread beside the goal. `overfly bench ipc FILE` measures the same on a scene.
 
+mod publisher;
+
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use overfly::daemon::bench::{TABLE_SCENE, serve_table};
 use overfly_client::{Client, Domain, bench};
+use publisher::{TABLE_SCENE, serve_table};
 
 const TABLE: &str = "OVERFLY_BENCH_TABLE";
 const TABLE_MEGABYTES: usize = 100;
@@ -16,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 fn main() {
     if let Ok(name) = std::env::var(TABLE) {
         let domain = Domain::new(&name).expect("the parent chose the name");
-        serve_table(&domain, TABLE_MEGABYTES, || println!("ready")).expect("the table is served");
+        serve_table(&domain, TABLE_MEGABYTES, || println!("ready"));
         return;
     }
     println!("{:<34} {:>10} {:>10} {:>10}   goal", "", "median", "p99", "spread");
@@ -40,14 +42,14 @@ fn joins() {
     let domain = domain("join");
     let mut publisher = table_publisher(&domain);
     row("late joiner has 100 MB, ms", 1e6, bench::join(&domain, TABLE_SCENE, 300).unwrap(), "2");
-    let terminated = Command::new("kill").arg(publisher.id().to_string()).status();
-    assert!(terminated.is_ok_and(|status| status.success()));
+    // It ends with its input.
+    drop(publisher.stdin.take());
     publisher.wait().expect("the publisher has ended");
 }
 
 fn table_publisher(domain: &Domain) -> Child {
     let mut command = Command::new(std::env::current_exe().expect("this program has a path"));
-    command.env(TABLE, domain.name()).stdout(Stdio::piped());
+    command.env(TABLE, domain.name()).stdin(Stdio::piped()).stdout(Stdio::piped());
     let mut child = command.spawn().expect("the publisher starts");
     let mut lines = BufReader::new(child.stdout.take().expect("it was piped")).lines();
     assert!(lines.any(|line| line.is_ok_and(|line| line == "ready")), "the publisher ended early");

@@ -13,6 +13,7 @@ use crate::error::ClientError;
 use crate::field::FieldMap;
 use crate::link::Link;
 use crate::plan::{PlanMessage, PlanWatch};
+use crate::status::StatusFeed;
 
 /// How long a daemon may take to acknowledge a request.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -26,7 +27,8 @@ const KEPT_PLANS: usize = 8;
 pub enum SceneSource {
     /// A file that the daemon can read.
     Path(PathBuf),
-    /// The content of a file, which is sent; the name tells its format.
+    /// The content of a file, which is sent. The name tells its format and names the scene, best as an absolute path: a file called
+    /// `buildings.geojson` is named after its folder.
     Bytes { file_name: String, bytes: Vec<u8> },
 }
 
@@ -100,8 +102,8 @@ impl Client {
     ) -> Result<PlanMessage, ClientError> {
         let request = Request::Plan { scene: scene.into(), order: order.clone() };
         let (correlation, reply) = self.link.call(&request, &[], PATIENCE, on_progress)?;
-        let Reply::Planned { .. } = reply else { return Err(unexpected(&reply)) };
-        self.published(scene, correlation)
+        let Reply::Planned { epoch } = reply else { return Err(unexpected(&reply)) };
+        self.published(scene, correlation, epoch)
     }
 
     /// Ends the running search of a scene. Whoever asked for it receives the best plan so far.
@@ -139,7 +141,7 @@ impl Client {
             let asked = Instant::now();
             while asked.elapsed() < ASK_AGAIN && started.elapsed() < timeout {
                 match self.link.step(&mut exchange, LOOK_AGAIN)? {
-                    Some(Reply::Planned { .. }) => return self.published(&edited.scene, edited.correlation),
+                    Some(Reply::Planned { epoch }) => return self.published(&edited.scene, edited.correlation, epoch),
                     Some(Reply::Progress(note)) => on_progress(&note),
                     // The answer to the edit itself may be repeated.
                     Some(Reply::Acknowledged | Reply::Edited { .. }) | None => {}
@@ -162,6 +164,13 @@ impl Client {
         self.link.attach();
         self.ping()?;
         Ok(watch)
+    }
+
+    /// Receives the status now and whenever it changes.
+    pub fn status_feed(&self) -> Result<StatusFeed, ClientError> {
+        let feed = StatusFeed::open(&self.link.domain)?;
+        self.link.attach();
+        Ok(feed)
     }
 
     /// Maps the current field of a scene read-only, where it lies.
@@ -251,7 +260,7 @@ impl Client {
     }
 
     /// The plan of this correlation, which the daemon says it has published; asks for it once more when it was lost on the way.
-    fn published(&self, scene: &str, correlation: u64) -> Result<PlanMessage, ClientError> {
+    fn published(&self, scene: &str, correlation: u64, epoch: u64) -> Result<PlanMessage, ClientError> {
         let started = Instant::now();
         while started.elapsed() < PATIENCE {
             for _ in 0..3 {
@@ -261,11 +270,15 @@ impl Client {
                 self.link.wait_for_news(LOOK_AGAIN)?;
             }
             self.link.attach();
-            match self.done(&Request::Republish { scene: scene.into() }) {
+            match self.link.call(&Request::Republish { scene: scene.into() }, &[], PATIENCE, &mut |_| {}) {
                 Err(ClientError::Refused { code: RefusalCode::UnknownScene, message }) => {
                     return Err(ClientError::Refused { code: RefusalCode::Superseded, message });
                 }
-                other => other?,
+                Ok((_, Reply::Planned { epoch: last })) if last == epoch => {}
+                // It may have arrived together with the newer one.
+                Ok((_, Reply::Planned { .. })) => return self.take_plan(correlation)?.ok_or_else(|| replaced(scene)),
+                Ok((_, other)) => return Err(unexpected(&other)),
+                Err(error) => return Err(error),
             }
         }
         Err(ClientError::Timeout { what: format!("the plan of {scene:?}"), seconds: PATIENCE.as_secs_f64() })
@@ -286,6 +299,11 @@ impl Client {
         let found = kept.iter().position(|plan| plan.asked_by() == (self.link.id, correlation));
         Ok(found.and_then(|index| kept.remove(index)))
     }
+}
+
+fn replaced(scene: &str) -> ClientError {
+    let message = format!("a newer plan of the scene {scene:?} was published before this one was received; ask for that one");
+    ClientError::Refused { code: RefusalCode::Superseded, message }
 }
 
 fn unexpected(reply: &Reply) -> ClientError {

@@ -22,8 +22,9 @@ impl FieldMap {
     /// Waits for a table of the daemon `link` talks to (any, before it has answered) that is at least as new as `epoch`.
     pub(crate) fn open(link: &Link, scene: &str, epoch: u64, end: Instant) -> Result<Self, ClientError> {
         let started = Instant::now();
-        let subscriber = service::subscriber(&service::open_field(link.presence.node(), scene)?)?;
+        let subscriber = service::field_subscriber(&service::open_field(link.presence.node(), scene)?)?;
         link.attach();
+        let mut attached = started;
         loop {
             while let Some(sample) = subscriber.receive().map_err(|error| ClientError::Receive(format!("{error:?}")))? {
                 let header = *sample.user_header();
@@ -40,7 +41,11 @@ impl FieldMap {
                 return Err(ClientError::Timeout { what, seconds: started.elapsed().as_secs_f64() });
             }
             link.wait_for_news(LOOK_AGAIN)?;
-            link.attach();
+            // The daemon rings for every attachment, so that asking at each ring would keep both awake.
+            if attached.elapsed() >= LOOK_AGAIN {
+                link.attach();
+                attached = Instant::now();
+            }
         }
     }
 

@@ -23,6 +23,7 @@ mod error;
 mod field;
 mod link;
 mod plan;
+mod status;
 
 pub use client::{Client, Edited, SceneSource};
 pub use error::ClientError;
@@ -32,3 +33,4 @@ pub use overfly_wire::{
     Status, StructureInfo,
 };
 pub use plan::{PlanMessage, PlanWatch};
+pub use status::StatusFeed;

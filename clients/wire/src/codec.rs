@@ -9,6 +9,9 @@ pub const MAX_REQUEST_BYTES: usize = 1 << 20;
 /// Longest body of a reply, bytes: the list of all structures of a large town is the largest thing in one.
 pub const MAX_REPLY_BYTES: usize = 64 << 20;
 
+/// Longest published status, bytes: a thousand scenes and more.
+pub const MAX_STATUS_BYTES: usize = 1 << 20;
+
 /// Why a body could not be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum CodecError {

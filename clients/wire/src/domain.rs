@@ -6,6 +6,8 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use iceoryx2::identifiers::UniqueNodeId;
+use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
 use rustix::fs::{FlockOperation, flock};
 
@@ -103,11 +105,7 @@ impl Domain {
 
     /// What the names of all its shared-memory files start with. Domains with different roots have different prefixes.
     pub fn prefix(&self) -> String {
-        let bytes = self.root.as_os_str().as_encoded_bytes();
-        let hash = bytes
-            .iter()
-            .fold(0xcbf2_9ce4_8422_2325u64, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3));
-        format!("ofl_{:010x}_", hash >> 24)
+        format!("ofl_{:010x}_", fnv(self.root.as_os_str().as_encoded_bytes()) >> 24)
     }
 
     /// The configuration of iceoryx2 for this domain; no configuration file is looked up.
@@ -216,6 +214,18 @@ impl Domain {
     }
 }
 
+/// The 64-bit FNV-1a hash of `bytes`.
+pub(crate) fn fnv(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3))
+}
+
+/// Whether nodes of this process count.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Own {
+    Lives,
+    IsLeaving,
+}
+
 enum Attempt {
     Got(File),
     /// Somebody else has it; the process id as far as it is known.
@@ -228,10 +238,11 @@ impl DomainLock {
         &self.domain
     }
 
-    /// Gives the domain up. When no client lives in it any more, nothing of it stays behind.
+    /// Gives the domain up. When no client lives in it any more, nothing of it stays behind, even if a thread of this process still
+    /// uses something of it: this is the process's last act.
     pub fn release(self) {
         self.close_to_clients();
-        let deserted = self.sweep_if_deserted();
+        let deserted = self.is_deserted(Own::IsLeaving) && self.sweep();
         let _ = fs::remove_file(self.domain.root.join(LOCK_FILE));
         if deserted {
             // Fails when somebody has just made a new lock file in it, and then it must stay.
@@ -239,12 +250,16 @@ impl DomainLock {
         }
     }
 
-    /// Removes every file of the domain but the lock when no node lives. A process that was killed while it created a service leaves
-    /// a file on which every later attempt to open that service hangs; nothing but removing it helps.
-    fn sweep_if_deserted(&self) -> bool {
-        if !self.is_deserted() {
-            return false;
+    /// Removes what is left of the domain when no node lives.
+    fn sweep_if_deserted(&self) {
+        if self.is_deserted(Own::Lives) {
+            self.sweep();
         }
+    }
+
+    /// Removes every file of the domain but the lock. A process that was killed while it created a service leaves
+    /// a file on which every later attempt to open that service hangs; nothing but removing it helps.
+    fn sweep(&self) -> bool {
         for entry in fs::read_dir(&self.domain.root).into_iter().flatten().flatten() {
             let path = entry.path();
             let is_dir = entry.file_type().is_ok_and(|kind| kind.is_dir());
@@ -260,12 +275,17 @@ impl DomainLock {
         true
     }
 
-    fn is_deserted(&self) -> bool {
+    fn is_deserted(&self, own: Own) -> bool {
         let Ok(config) = self.domain.config() else { return false };
+        let is_own = |id: &UniqueNodeId| id.pid::<Ipc>().is_ok_and(|pid| pid.value().cast_unsigned() == std::process::id());
         let mut lives = false;
         let listed = Node::<Ipc>::list(&config, |state| {
             // A node that cannot be judged counts as alive: its files stay.
-            lives |= !matches!(state, NodeState::Dead(_));
+            lives |= match &state {
+                NodeState::Dead(_) => false,
+                NodeState::Alive(view) => own == Own::Lives || !is_own(view.id()),
+                NodeState::Inaccessible(id) | NodeState::Undefined(id) => own == Own::Lives || !is_own(id),
+            };
             if lives { CallbackProgression::Stop } else { CallbackProgression::Continue }
         });
         listed.is_ok() && !lives
@@ -288,6 +308,7 @@ impl DomainLock {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::service;
 
     #[test]
     fn names_that_would_not_fit_a_path_are_refused() {
@@ -319,6 +340,22 @@ mod tests {
         assert!(!domain.root().exists());
         let again = domain.lock().unwrap();
         again.release();
+    }
+
+    #[test]
+    fn a_thread_that_does_not_end_in_time_leaves_nothing_behind() {
+        let domain = Domain::new(&format!("late-{}", std::process::id())).unwrap();
+        let lock = domain.lock().unwrap();
+        let node = service::node(&domain, "late").unwrap();
+        let field = service::provide_field(&node, "town").unwrap();
+        let publisher = service::publisher(&field, service::Memory::Fixed { blocks: 4, samples: 2 }).unwrap();
+        assert!(!domain.shared_memory_files().is_empty());
+        lock.release();
+        assert_eq!(domain.shared_memory_files(), Vec::<PathBuf>::new());
+        assert!(!domain.root().exists());
+        // Neither must the end of the thread, should it come, bring anything back.
+        drop((publisher, field, node));
+        assert!(domain.shared_memory_files().is_empty() && !domain.root().exists());
     }
 
     #[test]

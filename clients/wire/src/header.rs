@@ -39,6 +39,7 @@ pub enum Kind {
     Reply,
     Plan,
     Field,
+    Status,
 }
 
 impl Kind {
@@ -48,6 +49,7 @@ impl Kind {
             Kind::Reply => 2,
             Kind::Plan => 3,
             Kind::Field => 4,
+            Kind::Status => 5,
         }
     }
 }

@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 /// Longest name of a scene, structure, file, rig or method, bytes.
 pub const MAX_NAME_BYTES: usize = 128;
 
+/// Longest path of a file, bytes.
+pub const MAX_PATH_BYTES: usize = 4096;
+
 /// Most corners of an outline.
 pub const MAX_OUTLINE_CORNERS: usize = 10_000;
 
@@ -26,7 +29,7 @@ pub enum Request {
         path: Vec<u8>,
         name: Option<String>,
     },
-    /// A scene file that follows as bulk.
+    /// A scene file that follows as bulk; its name or, better, its absolute path tells its format and names the scene.
     LoadBytes {
         file_name: String,
         name: Option<String>,
@@ -50,7 +53,7 @@ pub enum Request {
     Locate {
         scene: String,
     },
-    /// Publishes the scene's last plan once more, for a receiver that missed it.
+    /// Publishes the scene's last plan once more, for a receiver that missed it: [`Reply::Planned`] names it.
     Republish {
         scene: String,
     },
@@ -178,6 +181,8 @@ pub enum RefusalCode {
     Stopping,
     /// A mistake in the daemon; its log says more.
     Internal,
+    /// The daemon cannot read the path; whoever can may send the file's content instead.
+    Unreadable,
 }
 
 /// What the daemon is busy with.
@@ -312,7 +317,7 @@ impl Request {
                 name.as_deref().map_or(Ok(()), check_scene_name)
             }
             Request::LoadBytes { file_name, name } => {
-                check_name("file name", file_name)?;
+                check_file_name(file_name)?;
                 name.as_deref().map_or(Ok(()), check_scene_name)
             }
             Request::Plan { scene, order } => {
@@ -394,6 +399,18 @@ pub fn check_scene_name(name: &str) -> Result<(), Refusal> {
     Ok(())
 }
 
+/// The name of the scene that a file gives, with everything replaced that a scene's name cannot hold.
+pub fn plain_scene_name(name: &str) -> String {
+    let plain: String = name.chars().map(|c| if c.is_alphanumeric() || "._-+ ".contains(c) { c } else { '-' }).collect();
+    let plain = plain.trim();
+    let mut end = plain.len().min(MAX_NAME_BYTES);
+    while !plain.is_char_boundary(end) {
+        end -= 1;
+    }
+    let plain = plain[..end].trim_end();
+    if plain.is_empty() { "scene".into() } else { plain.into() }
+}
+
 fn check_name(what: &str, name: &str) -> Result<(), Refusal> {
     if name.is_empty() || name.len() > MAX_NAME_BYTES || name.chars().any(char::is_control) {
         let bytes = name.len();
@@ -404,11 +421,19 @@ fn check_name(what: &str, name: &str) -> Result<(), Refusal> {
     Ok(())
 }
 
+/// It may be a whole path: where the file's name says nothing, its folder's names the scene.
+fn check_file_name(name: &str) -> Result<(), Refusal> {
+    if name.is_empty() || name.len() > MAX_PATH_BYTES || name.contains('\0') {
+        return invalid(format!("the file name is {} bytes long or holds a zero; give 1 to {MAX_PATH_BYTES} bytes", name.len()));
+    }
+    Ok(())
+}
+
 fn check_path(path: &[u8]) -> Result<(), Refusal> {
     let text = String::from_utf8_lossy(path);
-    if path.len() > 4096 || path.contains(&0) || path.first() != Some(&b'/') {
+    if path.len() > MAX_PATH_BYTES || path.contains(&0) || path.first() != Some(&b'/') {
         return invalid(format!(
-            "the path {:?} is not an absolute path of at most 4096 bytes",
+            "the path {:?} is not an absolute path of at most {MAX_PATH_BYTES} bytes",
             text.chars().take(80).collect::<String>()
         ));
     }
@@ -438,6 +463,15 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn every_name_becomes_one_that_a_scene_can_have(name in "\\PC{0,200}", controls: String) {
+            for name in [name, controls] {
+                let plain = plain_scene_name(&name);
+                prop_assert_eq!(check_scene_name(&plain), Ok(()), "{:?}", plain);
+                prop_assert_eq!(plain_scene_name(&plain), plain);
+            }
+        }
+
         #[test]
         fn random_bytes_are_refused_or_make_a_request_that_can_be_judged(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
             if let Ok(request) = codec::decode_request::<Request>(&bytes) {

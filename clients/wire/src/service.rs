@@ -34,6 +34,9 @@ pub type EventNotifier = Notifier<Ipc>;
 /// Clients that may be connected to one domain at the same time, the daemon included.
 pub const MAX_CLIENTS: usize = 32;
 
+/// Fields of one scene that may be mapped at the same time, by all clients together.
+pub const MAX_FIELD_MAPS: usize = 256;
+
 /// Events by which clients wake the daemon.
 pub const EVENT_REQUEST: usize = 1;
 /// A client has subscribed to a table and waits for the current one.
@@ -53,6 +56,10 @@ pub enum ServiceError {
     Missing(String),
     #[error("{name}: {cause}; at most {MAX_CLIENTS} programs may use one domain: end one of them and try again")]
     Crowded { name: String, cause: String },
+    #[error(
+        "{name}: {cause}; at most {MAX_FIELD_MAPS} maps of a scene's field may be held at the same time: drop those that are not read any more"
+    )]
+    CrowdedField { name: String, cause: String },
     #[error("the service {name:?} was made by another release ({cause}): use client and daemon of one release")]
     Incompatible { name: String, cause: String },
     #[error("{name}: {cause}")]
@@ -68,6 +75,8 @@ pub enum Channel {
     Replies,
     /// Every new plan of every scene.
     Plans,
+    /// The daemon's status whenever it changes; a late joiner receives the last one.
+    Status,
 }
 
 /// The two event services.
@@ -82,6 +91,7 @@ pub enum Bell {
 /// Capacity of a publish/subscribe service.
 struct Capacity {
     publishers: usize,
+    subscribers: usize,
     buffer: usize,
     borrowed: usize,
     history: usize,
@@ -95,14 +105,24 @@ impl Channel {
             Channel::Requests => "overfly/requests",
             Channel::Replies => "overfly/replies",
             Channel::Plans => "overfly/plans",
+            Channel::Status => "overfly/status",
         }
     }
 
     fn capacity(self) -> Capacity {
+        let capacity = |publishers, buffer, borrowed, overflow| Capacity {
+            publishers,
+            subscribers: MAX_CLIENTS,
+            buffer,
+            borrowed,
+            history: 0,
+            overflow,
+        };
         match self {
-            Channel::Requests => Capacity { publishers: MAX_CLIENTS, buffer: 8, borrowed: 2, history: 0, overflow: false },
-            Channel::Replies => Capacity { publishers: 4, buffer: 32, borrowed: 2, history: 0, overflow: true },
-            Channel::Plans => Capacity { publishers: 4, buffer: 8, borrowed: 8, history: 0, overflow: true },
+            Channel::Requests => capacity(MAX_CLIENTS, 8, 2, false),
+            Channel::Replies => capacity(4, 32, 2, true),
+            Channel::Plans => capacity(4, 8, 8, true),
+            Channel::Status => Capacity { history: 1, ..capacity(4, 2, 2, true) },
         }
     }
 }
@@ -116,9 +136,14 @@ impl Bell {
     }
 }
 
-/// Name of the service that holds the field of `scene`.
+/// Name of the service that holds the field of `scene`. Services have ASCII names, so that other letters are replaced, and a hash keeps
+/// such names apart; no scene's name holds the `~` before it.
 pub fn field_name(scene: &str) -> String {
-    format!("overfly/field/{scene}")
+    if scene.is_ascii() {
+        return format!("overfly/field/{scene}");
+    }
+    let ascii: String = scene.chars().map(|c| if c.is_ascii() { c } else { '_' }).collect();
+    format!("overfly/field/{ascii}~{:016x}", crate::domain::fnv(scene.as_bytes()))
 }
 
 /// A node in `domain`. Signals stay with the program, and dead nodes of others are swept by the daemon alone.
@@ -146,7 +171,7 @@ pub fn open(node: &IpcNode, channel: Channel) -> Result<BlockService, ServiceErr
 
 /// Creates the service for the field of `scene`.
 pub fn provide_field(node: &IpcNode, scene: &str) -> Result<BlockService, ServiceError> {
-    let capacity = Capacity { publishers: 8, buffer: 1, borrowed: 8, history: 1, overflow: true };
+    let capacity = Capacity { publishers: 8, subscribers: MAX_FIELD_MAPS, buffer: 1, borrowed: 8, history: 1, overflow: true };
     provide_blocks(node, &field_name(scene), &capacity)
 }
 
@@ -198,6 +223,14 @@ pub fn subscriber(service: &BlockService) -> Result<BlockSubscriber, ServiceErro
     })
 }
 
+/// A subscriber of a scene's field.
+pub fn field_subscriber(service: &BlockService) -> Result<BlockSubscriber, ServiceError> {
+    subscriber(service).map_err(|error| match error {
+        ServiceError::Crowded { name, cause } => ServiceError::CrowdedField { name, cause },
+        other => other,
+    })
+}
+
 pub fn listener(service: &EventService) -> Result<EventListener, ServiceError> {
     service.listener_builder().create().map_err(|error| match error {
         ListenerCreateError::ExceedsMaxSupportedListeners => crowded(service.name(), error),
@@ -222,7 +255,7 @@ fn provide_blocks(node: &IpcNode, name: &str, capacity: &Capacity) -> Result<Blo
         .user_header::<Header>()
         .max_nodes(MAX_CLIENTS)
         .max_publishers(capacity.publishers)
-        .max_subscribers(MAX_CLIENTS)
+        .max_subscribers(capacity.subscribers)
         .subscriber_max_buffer_size(capacity.buffer)
         .subscriber_max_borrowed_samples(capacity.borrowed)
         .history_size(capacity.history)

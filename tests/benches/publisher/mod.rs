@@ -1,0 +1,73 @@
+//! One large field, published the way the daemon publishes them, without a scene behind it.
+
+use std::io::Read;
+use std::mem::MaybeUninit;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::EventId;
+use overfly_table::field::{FieldCounts, FieldFacts};
+use overfly_table::{Block, FieldTableMut};
+use overfly_wire::service::{self, Bell, BlockPublisher, Channel, EVENT_ATTACH, EVENT_NEWS, Memory};
+use overfly_wire::{Domain, Header, Kind, WireBlock, memory};
+
+/// The scene name under which [`serve_table`] publishes.
+pub const TABLE_SCENE: &str = "bench";
+
+/// Samples of the measured field; the viewpoints follow from its size.
+const SAMPLES: usize = 16_384;
+
+/// Publishes an empty field of about `megabytes` in `domain` and hands it to every subscriber that comes, until standard input ends.
+/// `ready` is called when the first may come.
+pub fn serve_table(domain: &Domain, megabytes: usize, ready: impl FnOnce()) {
+    let lock = domain.lock().expect("nobody else serves the domain");
+    serve(domain, megabytes, ready);
+    lock.release();
+}
+
+fn serve(domain: &Domain, megabytes: usize, ready: impl FnOnce()) {
+    let node = service::node(domain, "overfly-bench").expect("a node");
+    // Clients open all services of a daemon.
+    let channels = [Channel::Requests, Channel::Replies, Channel::Plans, Channel::Status];
+    let services = channels.map(|channel| service::provide(&node, channel).expect("a service"));
+    let _requests = service::subscriber(&services[0]).expect("a subscriber");
+    let news = service::notifier(&service::provide_bell(&node, Bell::Clients).expect("a bell")).expect("a notifier");
+    let bell = service::listener(&service::provide_bell(&node, Bell::Daemon).expect("a bell")).expect("a listener");
+    let fields = service::provide_field(&node, TABLE_SCENE).expect("a service");
+    let counts =
+        FieldCounts { structures: 1, samples: SAMPLES, viewpoints: megabytes * 1_000_000 * 8 / SAMPLES, ..Default::default() };
+    let memory = Memory::Fixed { blocks: counts.blocks(), samples: 2 };
+    let publisher = service::publisher(&fields, memory).expect("memory for the table");
+    publish(&publisher, &counts);
+
+    let ended = Arc::new(AtomicBool::new(false));
+    let input_ended = Arc::clone(&ended);
+    std::thread::spawn(move || {
+        let _ = std::io::stdin().read_to_end(&mut Vec::new());
+        input_ended.store(true, Ordering::Relaxed);
+    });
+    ready();
+    while !ended.load(Ordering::Relaxed) {
+        let mut attached = false;
+        let heard = bell.timed_wait(|event| attached |= event.id.as_value() == EVENT_ATTACH, Duration::from_millis(100));
+        heard.expect("the bell can be heard");
+        if attached {
+            publisher.update_connections().expect("subscribers can be connected");
+            let _ = news.notify_with_custom_event_id(EventId::new(EVENT_NEWS));
+        }
+    }
+}
+
+fn publish(publisher: &BlockPublisher, counts: &FieldCounts) {
+    let mut sample = publisher.loan_slice_uninit(counts.blocks()).expect("room for the table");
+    memory::populate(sample.payload_mut()).expect("memory for the table");
+    sample.payload_mut().fill(MaybeUninit::new(WireBlock(Block::ZERO)));
+    let bulk_bytes = (counts.blocks() * Block::BYTES) as u64;
+    *sample.user_header_mut() = Header { instance: 1, epoch: 1, bulk_bytes, ..Header::new(Kind::Field) };
+    // SAFETY: every block was written just now.
+    let mut sample = unsafe { sample.assume_init() };
+    FieldTableMut::create(WireBlock::blocks_mut(sample.payload_mut()), counts, FieldFacts::default());
+    sample.send().expect("the table is sent");
+}

@@ -85,13 +85,12 @@ mod tests {
     fn a_guessed_height_and_a_dropped_feature_are_named_with_what_they_mean() {
         let square = r#"{"type":"Polygon","coordinates":[[[4.4,51.9],[4.4003,51.9],[4.4003,51.9002],[4.4,51.9002],[4.4,51.9]]]}"#;
         let feature = |name: &str, geometry: &str| {
-            format!(r#"{{"type":"Feature","properties":{{"name":"{name}","building":"yes"}},"geometry":{geometry}}}"#)
+            format!(
+                r#"{{"type":"Feature","id":"{name}","properties":{{"name":"{name}","building":"yes"}},"geometry":{geometry}}}"#
+            )
         };
-        let file = format!(
-            r#"{{"type":"FeatureCollection","features":[{},{}]}}"#,
-            feature("shed", square),
-            feature("ghost", r#"{"type":"Polygon","coordinates":[]}"#)
-        );
+        let file =
+            format!(r#"{{"type":"FeatureCollection","features":[{},{}]}}"#, feature("shed", square), feature("ghost", "null"));
         let (_, report) = scene::read("town.geojson", file.as_bytes(), &Settings::default().proxy).unwrap();
         let lines = lines(&report, 1);
         assert!(lines[0].starts_with("1 structure, 1 no-fly zone,"), "{lines:?}");

@@ -176,3 +176,65 @@ fn an_output_folder_that_cannot_be_made_is_named() {
     let message = place.fails(1, "unexpected", &["plan", &scene, "--iterations", "2", "--out", "town.geojson/out"]);
     assert!(message.contains("town.geojson/out") && message.contains("--out"), "{message}");
 }
+
+#[test]
+fn what_cannot_succeed_is_refused_before_the_scene_is_read() {
+    let place = Place::new();
+    std::fs::write(place.path("broken.geojson"), b"{").unwrap();
+    std::fs::write(place.path("taken"), b"").unwrap();
+    let message = place.fails(1, "unexpected", &["plan", "broken.geojson", "--out", "taken/flights"]);
+    assert!(message.contains("taken/flights") && message.contains("--out"), "{message}");
+    assert!(place.fails(6, "no_plan", &["plan", "broken.geojson", "--rig", "stereo"]).contains("panoramic"));
+    assert!(place.fails(6, "no_plan", &["plan", "broken.geojson", "--method", "magic"]).contains("paper"));
+    place.fails(3, "input_file", &["plan", "broken.geojson", "--out", "new/flights"]);
+    assert!(!place.path("new").exists(), "an empty folder was left behind");
+}
+
+#[test]
+fn a_result_that_cannot_be_printed_is_a_failure() {
+    let place = Place::new();
+    let scene = place.scene();
+    for words in [vec!["plan", &scene, "--iterations", "5", "--json"], vec!["generate"]] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let output = place.command(&words).stdout(full).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{words:?}");
+        assert!(stderr(&output).contains("standard output"), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn run_json_holds_what_repeats_the_run() {
+    let place = Place::new();
+    let scene = place.scene();
+    place.json(&["plan", &scene, "--iterations", "30", "--samples", "150", "--seed", "9", "--out", "out"]);
+    let run: Value = serde_json::from_slice(&place.read("out/run.json")).unwrap();
+    assert_eq!(run["settings"], serde_json::json!({ "surface": { "samples": 150 } }));
+    assert_eq!((&run["order"]["seed"], &run["order"]["iterations"]), (&9.into(), &30.into()));
+}
+
+/// The signal is sent as soon as the process catches it: then it is either a plan with a note or the word that there is none yet.
+#[test]
+fn an_interrupted_plan_is_the_best_so_far_or_none_with_an_exit_code_of_its_own() {
+    const CATCHES_INT: u64 = 1 << 1;
+    let place = Place::new();
+    let scene = place.scene();
+    let words = ["plan", &scene, "--iterations", "9999999", "--out", "out"];
+    let mut command = place.command(&words);
+    let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    let caught = || {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
+        let mask = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap().trim().to_owned();
+        u64::from_str_radix(&mask, 16).unwrap()
+    };
+    while caught() & CATCHES_INT == 0 {}
+    rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
+    let output = child.wait_with_output().unwrap();
+    match output.status.code() {
+        Some(0) => {
+            assert!(stdout(&output).contains("of 9999999 iterations"), "{}", stdout(&output));
+            assert_eq!(place.files("out"), ["plan.json", "plan.svg", "run.json"]);
+        }
+        Some(130) => assert!(!place.path("out").exists() && stderr(&output).contains("interrupted"), "{}", stderr(&output)),
+        other => panic!("{other:?}: {}", stderr(&output)),
+    }
+}

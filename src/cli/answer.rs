@@ -22,13 +22,16 @@ pub enum Form {
 
 impl Form {
     /// Prints an answer on standard output. A reader that has gone away (`| head`) is no error.
-    pub fn print(self, answer: &Answer) {
+    pub fn print(self, answer: &Answer) -> io::Result<()> {
         let mut out = io::stdout().lock();
-        let _ = match self {
+        let printed = match self {
             Form::Text => writeln!(out, "{}", answer.text.trim_end()),
             Form::Json => writeln!(out, "{}", answer.json),
         };
-        let _ = out.flush();
+        match printed.and_then(|()| out.flush()) {
+            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error),
+            _ => Ok(()),
+        }
     }
 
     /// Prints a remark on standard error; scripts do without.

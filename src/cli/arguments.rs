@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use super::values::{Meters2, Meters3, Outline};
+use super::values::{self, Meters2, Meters3, Outline};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -15,6 +15,7 @@ Exit codes:
   4  no daemon answers, the contact to it was lost, or it cannot start
   5  the daemon refused: unknown scene or structure, an edit that makes no sense
   6  no plan: nothing to fly in, a start that cannot be flown, an unknown rig or method
+  130  interrupted: by a second Ctrl-C, or by the first before there was any plan
 
 With --json each command prints one JSON object on standard output (`watch` one per line), and an error is
 {\"error\": {\"kind\": ..., \"message\": ...}} there. Progress, notes and logs go to standard error.
@@ -80,7 +81,7 @@ pub enum Command {
 #[derive(Debug, Clone, Args)]
 pub struct Reach {
     /// Domain of the daemon: a short name; daemons of different domains do not see each other [default: overfly]
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", env = "OVERFLY_DOMAIN", hide_env_values = true)]
     pub domain: Option<String>,
 }
 
@@ -94,7 +95,7 @@ pub struct DemoArgs {
     #[arg(long, value_name = "DIR", default_value = "overfly-out/demo")]
     pub out: PathBuf,
     /// Seed of the block and of the search
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
     pub seed: u64,
 }
 
@@ -164,10 +165,10 @@ pub struct OrderArgs {
     #[arg(long, value_name = "NAME", default_value = "paper")]
     pub method: String,
     /// Seed of the search: the same seed gives the same plan
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
     pub seed: u64,
     /// Iterations of the tree search [default: the setting search.iterations, 400]
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
     /// Start of the flight: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
@@ -178,10 +179,10 @@ pub struct OrderArgs {
 #[derive(Debug, Clone, Args)]
 pub struct SizeArgs {
     /// Only for a file: target number of surface samples [default: the setting surface.samples, 1200]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = values::count)]
     pub samples: Option<u32>,
     /// Only for a file: target number of viewpoints [default: the setting field.viewpoints, 1500]
-    #[arg(long, value_name = "M", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = values::count)]
     pub viewpoints: Option<u32>,
 }
 
@@ -201,7 +202,7 @@ pub struct EditArgs {
     #[arg(long, global = true, conflicts_with = "out")]
     pub no_wait: bool,
     /// Domain of the daemon [default: overfly]
-    #[arg(long, value_name = "NAME", global = true)]
+    #[arg(long, value_name = "NAME", global = true, env = "OVERFLY_DOMAIN", hide_env_values = true)]
     pub domain: Option<String>,
 }
 
@@ -212,7 +213,7 @@ pub enum Change {
         /// Name or hexadecimal id of the structure
         id: String,
         /// How much, m
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = values::metres)]
         by: f64,
     },
     /// Make a structure lower; 1 m must remain
@@ -220,7 +221,7 @@ pub enum Change {
         /// Name or hexadecimal id of the structure
         id: String,
         /// How much, m
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = values::metres)]
         by: f64,
     },
     /// Take a structure away
@@ -237,10 +238,10 @@ pub enum Change {
         #[arg(long, value_name = "CORNERS", allow_hyphen_values = true)]
         outline: Outline,
         /// Height of the walls, m
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = values::metres)]
         height: f64,
         /// Where the walls begin, m above the ground
-        #[arg(long, value_name = "M", default_value_t = 0.0, allow_hyphen_values = true)]
+        #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = values::metres)]
         base: f64,
     },
     /// Shift a structure
@@ -255,14 +256,14 @@ pub enum Change {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "With --out each plan is written as REVISION.plan.json and REVISION.plan.svg.\n\nExample:\n  overfly watch town --count 3 --json"
+    after_help = "With --out each plan is written as revision-R-seed-S.json, revision-R-seed-S.svg and revision-R-seed-S-run.json.\n\nExample:\n  overfly watch town --count 3 --json"
 )]
 pub struct WatchArgs {
     /// Name of the loaded scene
     pub scene: String,
     /// End after so many plans [default: watch until interrupted]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    pub count: Option<u64>,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = values::count)]
+    pub count: Option<u32>,
     /// Folder for the plans
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -311,10 +312,10 @@ pub struct BenchArgs {
     /// Scene file
     pub file: PathBuf,
     /// How often each step is measured
-    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 9, allow_negative_numbers = true, value_parser = values::count)]
     pub repeat: u32,
     /// Iterations of the tree search [default: the setting search.iterations, 400]
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
     /// TOML file whose keys replace the built-in values
     #[arg(long, value_name = "FILE")]
@@ -327,7 +328,7 @@ pub struct BenchArgs {
 #[command(after_help = "Example:\n  overfly generate --seed 7 --out block.geojson && overfly plan block.geojson")]
 pub struct GenerateArgs {
     /// Seed of the block
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
     pub seed: u64,
     /// File to write [default: standard output]
     #[arg(long, value_name = "FILE")]

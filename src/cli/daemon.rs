@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::arguments::OrderArgs;
 use super::failure::Failure;
 use super::outputs::{self, FileNames, Flight};
+use super::shortfall::Heights;
 use crate::mission::plan_table;
 use crate::mission::run_json::Engine;
 use crate::settings::Settings;
@@ -62,7 +63,22 @@ pub fn write(
 
 /// A plan from the daemon as outputs take it.
 pub fn flight(plan: &Plan, times: RunTimes, edit_to_plan_s: Option<f64>, import: Option<Value>) -> Flight<'_> {
-    Flight { plan, times, engine: Engine::Daemon, edit_to_plan_s, import }
+    Flight { plan, times, engine: Engine::Daemon, edit_to_plan_s, import, order: None, settings: None }
+}
+
+/// How far up the structures and views of a plan's scene reach, while its field still stands.
+pub fn heights(client: &Client, plan: &Plan) -> Option<Heights> {
+    let map = client.field(&plan.scene.name).ok()?;
+    let field = map.table();
+    (field.facts.revision == plan.scene.revision).then(|| Heights::of(&field, None))
+}
+
+/// Cancels the search of a scene from the signal's thread, by a client of its own.
+pub fn cancel(domain: Option<&str>, scene: &str) {
+    let cancelled = connect(domain).and_then(|client| Ok(client.cancel(scene)?));
+    if let Err(failure) = cancelled {
+        eprintln!("overfly: the search could not be stopped: {failure}");
+    }
 }
 
 /// Whether the daemon is simply not there.

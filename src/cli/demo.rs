@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 use super::answer::{self, Answer, Form};
 use super::arguments::DemoArgs;
 use super::failure::Failure;
-use super::outputs::{self, FileNames, Flight};
+use super::outputs::{self, FileNames, Flight, Folder};
 use super::private_daemon::PrivateDaemon;
 use super::progress::Meter;
-use super::{daemon, load};
+use super::{daemon, load, plan};
 use crate::scene::{self, BlockSettings, Scene};
 use crate::trajectory::plan::{Plan, RunTimes};
 
@@ -22,7 +22,7 @@ const RAISE_M: f64 = 15.0;
 
 pub fn run(arguments: &DemoArgs, form: Form) -> Result<Answer, Failure> {
     let folder = &arguments.out;
-    fs::create_dir_all(folder).map_err(|cause| Failure::write(folder, cause))?;
+    let _folder = Folder::prepare(folder)?;
     let scene = scene::generate_block(&BlockSettings { seed: arguments.seed, ..Default::default() });
     let geojson = scene::to_geojson(&scene);
     let scene_file = folder.join("scene.geojson");
@@ -64,6 +64,9 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     let (plan, times) = daemon::plan_of(&message)?;
     let flight = daemon::flight(&plan, times, None, load::import_report(&loaded));
     let mut files = daemon::write(client, folder, &FileNames::of_plan(), &flight)?.0;
+
+    let command = format!("overfly plan {}", folder.join("scene.geojson").display());
+    plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), form);
 
     let raised = building_to_raise(client, &loaded.scene)?;
     let edit_started = Instant::now();

@@ -22,6 +22,7 @@ pub enum Kind {
     NoDaemon = 4,
     Refused = 5,
     NoPlan = 6,
+    Interrupted = 130,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -54,6 +55,10 @@ pub enum Failure {
     Daemon(String),
     #[error(transparent)]
     Serve(#[from] DaemonError),
+    #[error("cannot print the result on standard output: {0}; free some space there or send it elsewhere")]
+    Print(io::Error),
+    #[error("interrupted before there was a plan; nothing was written")]
+    Interrupted,
     #[error("{0}")]
     Unexpected(String),
 }
@@ -64,9 +69,10 @@ impl Failure {
             Failure::Usage(_) | Failure::Domain(_) => Kind::Usage,
             Failure::Read { .. } | Failure::Configuration(_) | Failure::Settings(_) | Failure::Import(_) => Kind::InputFile,
             Failure::Client(error) => client_kind(error),
+            Failure::Interrupted => Kind::Interrupted,
             Failure::Field(_) | Failure::Plan(_) => Kind::NoPlan,
             Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,
-            Failure::Write { .. } | Failure::Drawing(_) | Failure::Unexpected(_) => Kind::Unexpected,
+            Failure::Write { .. } | Failure::Print(_) | Failure::Drawing(_) | Failure::Unexpected(_) => Kind::Unexpected,
         }
     }
 
@@ -89,6 +95,7 @@ impl Kind {
             Kind::NoDaemon => "no_daemon",
             Kind::Refused => "refused",
             Kind::NoPlan => "no_plan",
+            Kind::Interrupted => "interrupted",
         }
     }
 }

@@ -5,6 +5,7 @@ use serde_json::json;
 use super::answer::{Answer, Form};
 use super::arguments::GenerateArgs;
 use super::failure::Failure;
+use super::import_lines::counted;
 use crate::scene::{self, BlockSettings};
 
 pub fn run(arguments: &GenerateArgs, form: Form) -> Result<Answer, Failure> {
@@ -20,6 +21,7 @@ pub fn run(arguments: &GenerateArgs, form: Form) -> Result<Answer, Failure> {
         return Ok(Answer { text, json });
     };
     std::fs::write(path, &text).map_err(|cause| Failure::write(path, cause))?;
-    let text = format!("wrote {} with {} structures; `overfly plan {0}` plans it", path.display(), scene.structures.len());
+    let text =
+        format!("wrote {} with {}; `overfly plan {0}` plans it", path.display(), counted(scene.structures.len(), "structure"));
     Ok(Answer { text, json: facts })
 }

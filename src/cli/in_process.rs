@@ -10,9 +10,10 @@ use overfly_wire::message::plain_scene_name;
 use super::arguments::OrderArgs;
 use super::failure::Failure;
 use super::progress::Meter;
-use crate::planner::{self, PlanOptions, StopToken};
+use crate::camera::Rig;
+use crate::planner::{self, PlanError, PlanOptions, StopToken};
 use crate::scene::{self, ImportReport, Scene};
-use crate::session::{Session, Snapshot};
+use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, RunTimes};
 
@@ -41,21 +42,31 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
 }
 
 /// Plans a flight over a scene file.
-pub fn plan_file(path: &Path, settings: Settings, order: &OrderArgs, meter: &mut Meter) -> Result<Planned, Failure> {
+pub fn plan_file(
+    path: &Path,
+    settings: &Arc<Settings>,
+    order: &OrderArgs,
+    stop: &StopToken,
+    meter: &mut Meter,
+) -> Result<Planned, Failure> {
     let started = Instant::now();
-    let stop = StopToken::default();
-    let settings = Arc::new(settings);
     meter.stage("reading the scene");
-    let (scene, report) = read_scene(path, &settings)?;
+    let (scene, report) = read_scene(path, settings)?;
+    if stop.is_stopped() {
+        return Err(Failure::Interrupted);
+    }
 
     let field_started = Instant::now();
-    let snapshot = build_field(scene, &settings, &stop, meter)?;
+    let snapshot = build_field(scene, settings, stop, meter).map_err(|failure| match failure {
+        Failure::Field(FieldError::Stopped) => Failure::Interrupted,
+        other => other,
+    })?;
     let field_s = field_started.elapsed().as_secs_f64();
 
     // The search ends with its last word of progress; what follows is the exact evaluation and the safety check.
     let search_started = Instant::now();
     let mut search_ended = search_started;
-    let plan = planner::plan(&snapshot, &settings, &options(order), &stop, &mut |progress| {
+    let plan = planner::plan(&snapshot, settings, &options(order), stop, &mut |progress| {
         search_ended = Instant::now();
         meter.search(progress);
     })?;
@@ -86,4 +97,15 @@ pub fn options(order: &OrderArgs) -> PlanOptions {
         iterations: order.iterations,
         start_m: order.start.map(|start| Point3::from(start.0)),
     }
+}
+
+/// Refuses a rig or a method that does not exist, before anything is read.
+pub fn check_order(order: &OrderArgs) -> Result<(), Failure> {
+    if Rig::preset(&order.rig).is_none() {
+        return Err(PlanError::UnknownRig(order.rig.clone()).into());
+    }
+    if !planner::METHODS.contains(&order.method.as_str()) {
+        return Err(PlanError::UnknownMethod(order.method.clone()).into());
+    }
+    Ok(())
 }

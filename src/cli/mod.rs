@@ -8,7 +8,9 @@ mod demo;
 mod edit;
 mod failure;
 mod generate;
+mod import_lines;
 mod in_process;
+mod interrupt;
 mod load;
 mod machine;
 mod outputs;
@@ -18,6 +20,7 @@ mod progress;
 mod scene;
 mod serve;
 mod settings_file;
+mod shortfall;
 mod status;
 mod values;
 mod watch;
@@ -40,10 +43,11 @@ pub fn run(line: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     let form = if arguments.json { Form::Json } else { Form::Text };
     match execute(&arguments.command, form) {
-        Ok(answer) => {
-            answer.iter().for_each(|answer| form.print(answer));
-            ExitCode::SUCCESS
-        }
+        Ok(answer) => match answer.map_or(Ok(()), |answer| form.print(&answer)) {
+            Ok(()) => ExitCode::SUCCESS,
+            // Standard output is what failed, so even scripts find this on standard error.
+            Err(cause) => report(&Failure::Print(cause), Form::Text),
+        },
         Err(failure) => report(&failure, form),
     }
 }
@@ -69,7 +73,11 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
 
 fn report(failure: &Failure, form: Form) -> ExitCode {
     match form {
-        Form::Json => form.print(&Answer { text: String::new(), json: failure.to_json() }),
+        Form::Json => {
+            if let Err(cause) = form.print(&Answer { text: String::new(), json: failure.to_json() }) {
+                eprintln!("overfly: {failure}; and this cannot be printed on standard output: {cause}");
+            }
+        }
         Form::Text => eprintln!("overfly: {failure}"),
     }
     ExitCode::from(failure.kind() as u8)

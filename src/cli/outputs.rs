@@ -20,6 +20,33 @@ pub struct Flight<'a> {
     /// From the user's edit to the plan, s.
     pub edit_to_plan_s: Option<f64>,
     pub import: Option<Value>,
+    /// What was ordered and the settings that are not the built-in ones, so that the run can be repeated; a daemon's settings are its own.
+    pub order: Option<Value>,
+    pub settings: Option<Value>,
+}
+
+/// A folder for results that is known to be writable; when nothing was written into it, what was created of it goes again.
+pub struct Folder {
+    made: Vec<PathBuf>,
+}
+
+impl Folder {
+    /// Creates the folder and tries it out, before anybody waits for results that cannot be written.
+    pub fn prepare(path: &Path) -> Result<Self, Failure> {
+        let made = path.ancestors().filter(|part| !part.as_os_str().is_empty() && !part.exists()).map(Path::to_owned).collect();
+        let folder = Self { made };
+        fs::create_dir_all(path).map_err(|cause| Failure::write(path, cause))?;
+        let trial = path.join(format!(".overfly-{}", std::process::id()));
+        fs::write(&trial, b"").and_then(|()| fs::remove_file(&trial)).map_err(|cause| Failure::write(path, cause))?;
+        Ok(folder)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // The innermost stands first; a folder with something in it stays.
+        self.made.iter().for_each(|path| drop(fs::remove_dir(path)));
+    }
 }
 
 /// How the files of one plan are called.
@@ -52,6 +79,8 @@ pub fn write(folder: &Path, names: &FileNames, flight: &Flight, field: Option<&F
         times: flight.times,
         edit_to_plan_s: flight.edit_to_plan_s,
         import: flight.import.clone(),
+        order: flight.order.clone(),
+        settings: flight.settings.clone(),
     };
     let mut written = Vec::new();
     let mut put = |name: &str, bytes: Vec<u8>| {
@@ -122,18 +151,6 @@ pub fn figures_json(flight: &Flight, files: &[PathBuf]) -> Value {
         "total_s": times.total_s,
         "edit_to_plan_s": flight.edit_to_plan_s,
         "files": files.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
-    })
-}
-
-/// A remark when the plan stays below its goal, with the next step.
-pub fn shortfall(plan: &Plan) -> Option<String> {
-    let wanted = 4 * plan.convergence.len().max(100);
-    (!is_goal_reached(plan)).then(|| {
-        format!(
-            "note: the plan captures {:.1} % of the capturable samples, the goal is {:.1} %; more iterations come nearer \
-             (`--iterations {wanted}`), and so does a smaller weight of turning (`objective.alpha_t` in a file for `--config`)",
-            plan.metrics.coverage_percent, plan.goal_percent
-        )
     })
 }
 

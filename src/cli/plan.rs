@@ -1,16 +1,24 @@
 //! `overfly plan`: a scene file in process, or a loaded scene by the daemon.
 
 use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::{Value, json};
 
 use super::answer::{self, Answer, Form};
-use super::arguments::PlanArgs;
+use super::arguments::{OrderArgs, PlanArgs};
 use super::failure::Failure;
-use super::outputs::{self, FileNames, Flight};
+use super::interrupt::Interrupts;
+use super::outputs::{self, FileNames, Flight, Folder};
 use super::progress::Meter;
-use super::{daemon, in_process, settings_file};
+use super::shortfall::{self, Heights};
+use super::{daemon, import_lines, in_process, settings_file};
 use crate::mission::run_json::Engine;
+use crate::planner::StopToken;
+use crate::trajectory::plan::StopReason;
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
+    in_process::check_order(&arguments.order)?;
     let scene = &arguments.scene;
     if Path::new(scene).is_file() || looks_like_path(scene) { plan_file(arguments, form) } else { plan_loaded(arguments, form) }
 }
@@ -22,53 +30,95 @@ fn looks_like_path(scene: &str) -> bool {
 }
 
 fn plan_file(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
-    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?;
+    let settings = Arc::new(settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?);
+    let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let mut meter = Meter::new(form);
-    let planned = in_process::plan_file(Path::new(&arguments.scene), settings, &arguments.order, &mut meter)?;
+    let stop = StopToken::default();
+    let stopper = stop.clone();
+    let interrupts = Interrupts::first(form, move || stopper.stop());
+    let planned = in_process::plan_file(Path::new(&arguments.scene), &settings, &arguments.order, &stop, &mut meter)?;
+    drop(interrupts);
+    let asked = meter.asked();
     drop(meter);
-    for line in planned.report.summary().lines() {
+    for line in import_lines::lines(&planned.report, settings.flight.no_fly.len()) {
         form.remark(&format!("scene: {line}"));
     }
-    let import = serde_json::to_value(&planned.report).ok();
-    let flight = Flight { plan: &planned.plan, times: planned.times, engine: Engine::InProcess, edit_to_plan_s: None, import };
+    let flight = Flight {
+        plan: &planned.plan,
+        times: planned.times,
+        engine: Engine::InProcess,
+        edit_to_plan_s: None,
+        import: serde_json::to_value(&planned.report).ok(),
+        order: Some(order_json(&arguments.order)),
+        settings: settings_file::differing(&settings),
+    };
     let files = match &arguments.out {
         Some(folder) => outputs::write(folder, &FileNames::of_plan(), &flight, Some(&planned.snapshot.field()))?,
         None => Vec::new(),
     };
-    Ok(answer(&flight, &files, form))
+    let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
+    remark_shortfall(&flight, &format!("overfly plan {}", arguments.scene), Some(&heights), form);
+    Ok(answer(&flight, &files, asked))
 }
 
 fn plan_loaded(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
     refuse_file_options(arguments)?;
-    let client = daemon::connect(arguments.reach.domain.as_deref()).map_err(|failure| neither(&arguments.scene, failure))?;
+    let domain = arguments.reach.domain.clone();
+    let client = daemon::connect(domain.as_deref()).map_err(|failure| neither(&arguments.scene, failure))?;
+    let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let mut meter = Meter::new(form);
+    let scene = arguments.scene.clone();
+    let interrupts = Interrupts::first(form, move || daemon::cancel(domain.as_deref(), &scene));
     let message = client.plan(&arguments.scene, &daemon::order(&arguments.order), &mut |note| meter.note(note))?;
+    drop(interrupts);
+    let asked = arguments.order.iterations.or(meter.asked());
     drop(meter);
     let (plan, times) = daemon::plan_of(&message)?;
-    let flight = daemon::flight(&plan, times, None, None);
+    let flight = Flight { order: Some(order_json(&arguments.order)), ..daemon::flight(&plan, times, None, None) };
     let mut files = Vec::new();
     if let Some(folder) = &arguments.out {
         let (written, remark) = daemon::write(&client, folder, &FileNames::of_plan(), &flight)?;
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
-    Ok(answer(&flight, &files, form))
+    let command = format!("overfly plan {}", arguments.scene);
+    remark_shortfall(&flight, &command, daemon::heights(&client, &plan).as_ref(), form);
+    Ok(answer(&flight, &files, asked))
 }
 
-/// What a command answers that ends with one plan.
-pub fn answer(flight: &Flight, files: &[std::path::PathBuf], form: Form) -> Answer {
-    if let Some(note) = outputs::shortfall(flight.plan) {
-        form.remark(&note);
-    }
+/// What a command answers that ends with one plan; `asked` are the iterations that the search was to make, where they are known.
+pub fn answer(flight: &Flight, files: &[std::path::PathBuf], asked: Option<u32>) -> Answer {
     let mut rows = outputs::figures(flight.plan, &flight.times);
     if let Some(edit_to_plan_s) = flight.edit_to_plan_s {
         rows.push(vec!["edit to plan, s".to_owned(), format!("{edit_to_plan_s:.3}")]);
     }
     let mut text = answer::table(&rows);
+    if flight.plan.stop == StopReason::Cancelled {
+        let done = flight.plan.convergence.len();
+        let of = asked.map_or(String::new(), |asked| format!(" of {asked}"));
+        text.push_str(&format!("\nstopped after {done}{of} iterations: this is the best plan so far"));
+    }
     for file in files {
         text.push_str(&format!("\nwrote {}", file.display()));
     }
     Answer { text, json: outputs::figures_json(flight, files) }
+}
+
+/// Says what a plan lacks, if anything.
+pub fn remark_shortfall(flight: &Flight, command: &str, heights: Option<&Heights>, form: Form) {
+    if let Some(note) = shortfall::note(flight.plan, command, heights) {
+        form.remark(&note);
+    }
+}
+
+fn order_json(order: &OrderArgs) -> Value {
+    json!({
+        "rig": order.rig,
+        "method": order.method,
+        "seed": order.seed,
+        "iterations": order.iterations,
+        "start_m": order.start.map(|start| start.0),
+    })
 }
 
 fn refuse_file_options(arguments: &PlanArgs) -> Result<(), Failure> {

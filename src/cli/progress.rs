@@ -18,6 +18,7 @@ pub struct Meter {
     bar: ProgressBar,
     is_searching: bool,
     shown: Option<Instant>,
+    asked: Option<u32>,
 }
 
 impl Meter {
@@ -25,7 +26,7 @@ impl Meter {
         let target = if form.shows_progress() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let bar = ProgressBar::with_draw_target(None, target);
         bar.set_style(style(SPINNER));
-        Self { bar, is_searching: false, shown: None }
+        Self { bar, is_searching: false, shown: None, asked: None }
     }
 
     /// Work whose length is not known has begun.
@@ -36,6 +37,11 @@ impl Meter {
         }
         self.bar.set_message(name.to_owned());
         self.bar.tick();
+    }
+
+    /// Iterations that the search was to make, as soon as it has spoken.
+    pub fn asked(&self) -> Option<u32> {
+        self.asked
     }
 
     /// A word of the in-process planner.
@@ -54,6 +60,7 @@ impl Meter {
     }
 
     fn show_search(&mut self, iteration: u32, iterations: u32, coverage_percent: f64, length_m: f64) {
+        self.asked = Some(iterations);
         if self.bar.is_hidden() || self.shown.is_some_and(|shown| shown.elapsed() < REDRAW) {
             return;
         }

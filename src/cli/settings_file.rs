@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use serde_json::{Map, Value};
+
 use super::arguments::SizeArgs;
 use super::failure::Failure;
 use crate::daemon;
@@ -18,4 +20,32 @@ pub fn settings(file: Option<&PathBuf>, sizes: Option<&SizeArgs>) -> Result<Sett
     }
     settings.check()?;
     Ok(settings)
+}
+
+/// The settings that are not the built-in ones, by section and key.
+pub fn differing(settings: &Settings) -> Option<Value> {
+    let Value::Object(all) = serde_json::to_value(settings).ok()? else { return None };
+    let built_in = serde_json::to_value(Settings::default()).ok()?;
+    let mut differing = Map::new();
+    for (section, keys) in all {
+        let Value::Object(keys) = keys else { continue };
+        let changed: Map<String, Value> = keys.into_iter().filter(|(key, value)| built_in[&section][key] != *value).collect();
+        if !changed.is_empty() {
+            differing.insert(section, Value::Object(changed));
+        }
+    }
+    Some(Value::Object(differing))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_was_changed_differs() {
+        let mut settings = Settings::default();
+        assert_eq!(differing(&settings), Some(serde_json::json!({})));
+        settings.surface.samples = 7;
+        assert_eq!(differing(&settings), Some(serde_json::json!({ "surface": { "samples": 7 } })));
+    }
 }

@@ -26,7 +26,7 @@ fn follow(client: &Client, form: Form) -> Result<(), Failure> {
     let feed = client.status_feed()?;
     loop {
         match feed.next(ASK_AGAIN)? {
-            Some(status) => form.print(&overview(&status)),
+            Some(status) => form.print(&overview(&status)).map_err(Failure::Print)?,
             None => drop(client.ping()?),
         }
     }

@@ -14,13 +14,18 @@ pub struct Meters3(pub [f64; 3]);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline(pub Vec<[f64; 2]>);
 
+/// Largest count of samples, viewpoints, iterations or rounds.
+const MOST: u32 = 10_000_000;
+
 /// Why a value cannot be read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ValueError {
-    #[error("{text:?} holds {found} numbers; give {expected}, separated by commas and without spaces, such as {example}")]
+    #[error("{text:?} holds {found} number{plural}; give {expected}, separated by commas and without spaces, such as {example}", plural = if *found == 1 { "" } else { "s" })]
     Count { text: String, found: usize, expected: usize, example: &'static str },
     #[error("{0:?} is not a number of metres")]
     Number(String),
+    #[error("{text:?} will not do; give a whole number from {least} to {most}")]
+    WholeNumber { text: String, least: u64, most: u64 },
     #[error("an outline needs at least three corners, such as \"0,0 8,0 8,8 0,8\"")]
     TooFewCorners,
 }
@@ -50,6 +55,22 @@ impl FromStr for Outline {
     }
 }
 
+/// A number of metres.
+pub fn metres(text: &str) -> Result<f64, ValueError> {
+    number(text)
+}
+
+/// How many of something, from 1 to ten million.
+pub fn count(text: &str) -> Result<u32, ValueError> {
+    let count = text.trim().parse().ok().filter(|count| (1..=MOST).contains(count));
+    count.ok_or_else(|| ValueError::WholeNumber { text: text.to_owned(), least: 1, most: MOST.into() })
+}
+
+/// A seed, or how many plans.
+pub fn seed(text: &str) -> Result<u64, ValueError> {
+    text.trim().parse().map_err(|_| ValueError::WholeNumber { text: text.to_owned(), least: 0, most: u64::MAX })
+}
+
 fn numbers<const COUNT: usize>(text: &str, example: &'static str) -> Result<[f64; COUNT], ValueError> {
     let values: Vec<f64> = text.split(',').map(number).collect::<Result<_, _>>()?;
     let found = values.len();
@@ -64,6 +85,15 @@ fn number(text: &str) -> Result<f64, ValueError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn counts_and_seeds_are_refused_in_plain_words() {
+        for text in ["0", "-3", "10000001", "many", "1.5", ""] {
+            assert!(count(text).unwrap_err().to_string().ends_with("give a whole number from 1 to 10000000"), "{text}");
+        }
+        assert_eq!((count("10000000"), seed("0")), (Ok(10_000_000), Ok(0)));
+        assert!(seed("-1").is_err());
+    }
 
     #[test]
     fn an_outline_is_a_list_of_corners() {

@@ -23,7 +23,7 @@ pub fn run(arguments: &WatchArgs, form: Form) -> Result<(), Failure> {
     while arguments.count.is_none_or(|count| received < count) {
         match watch.next(ASK_AGAIN)? {
             Some(message) => {
-                form.print(&show(&client, arguments, &message, form)?);
+                form.print(&show(&client, arguments, &message, form)?).map_err(Failure::Print)?;
                 received += 1;
             }
             None => {

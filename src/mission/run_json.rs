@@ -38,6 +38,10 @@ pub struct Run {
     pub edit_to_plan_s: Option<f64>,
     /// What the reader of the scene file had to repair or guess, where the caller has it.
     pub import: Option<Value>,
+    /// What was ordered (seed, iterations as given, start), and the settings that differ from the built-in ones: both together with the
+    /// scene file repeat the run. `None` where the caller does not know them.
+    pub order: Option<Value>,
+    pub settings: Option<Value>,
 }
 
 /// The file's content, with a final newline.
@@ -61,6 +65,8 @@ pub fn to_bytes(plan: &Plan, run: &Run) -> Vec<u8> {
         goal_percent: plan.goal_percent,
         coverage_percent: plan.metrics.coverage_percent,
         clearance_m: plan.clearance_m,
+        order: run.order.as_ref(),
+        settings: run.settings.as_ref(),
         import: run.import.as_ref(),
     };
     let head = serde_json::to_string_pretty(&entry).expect("entries have string keys and no failing serialiser");
@@ -93,6 +99,10 @@ struct RunEntry<'a> {
     goal_percent: f64,
     coverage_percent: f64,
     clearance_m: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    order: Option<&'a Value>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    settings: Option<&'a Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
     import: Option<&'a Value>,
 }

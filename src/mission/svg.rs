@@ -9,6 +9,7 @@ mod legend;
 mod pen;
 mod sheet;
 mod side_view;
+mod thin;
 mod top_view;
 pub mod walls;
 

@@ -52,7 +52,12 @@ impl Place {
 
     pub fn command(&self, words: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_overfly"));
-        command.args(words).current_dir(self.folder.path()).env("XDG_RUNTIME_DIR", self.folder.path()).env_remove("RUST_LOG");
+        command
+            .args(words)
+            .current_dir(self.folder.path())
+            .env("XDG_RUNTIME_DIR", self.folder.path())
+            .env_remove("RUST_LOG")
+            .env_remove("OVERFLY_DOMAIN");
         command.stdin(Stdio::null());
         command
     }

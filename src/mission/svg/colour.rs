@@ -34,6 +34,8 @@ pub const HAIRLINE: &str = "#d9dbde";
 pub const GRID: &str = "#ecedef";
 pub const PAPER: &str = "#ffffff";
 pub const GROUND: &str = "#fbfbfa";
+/// A roof without exposed samples, where roofs are filled by share.
+pub const NOT_EXPOSED: &str = "#e3e2df";
 pub const OUTLINE: &str = "#74777c";
 pub const WALL_CASING: &str = "#33373c";
 /// What no admissible view can capture.
@@ -53,11 +55,25 @@ impl Ramp {
         format!("#{red:02x}{green:02x}{blue:02x}")
     }
 
+    /// The colour at `share` of the ramp, mixed with white by `paleness`, 0 (the colour itself) to 1 (white).
+    pub fn paler(&self, share: f64, paleness: f64) -> String {
+        mix_with_white(&self.at(share), paleness)
+    }
+
     /// The stops as `(offset, colour)`, for a gradient in a legend.
     pub fn stops(&self) -> impl Iterator<Item = (f64, String)> + '_ {
         let last = (self.0.len() - 1) as f64;
         (0..self.0.len()).map(move |index| (index as f64 / last, self.at(index as f64 / last)))
     }
+}
+
+/// An sRGB colour `#rrggbb` mixed with white.
+pub fn mix_with_white(colour: &str, paleness: f64) -> String {
+    let channel = |at: usize| {
+        let value = colour.get(at..at + 2).and_then(|digits| u8::from_str_radix(digits, 16).ok()).unwrap_or(0xff);
+        (f64::from(value) + (255.0 - f64::from(value)) * paleness.clamp(0.0, 1.0)).round() as u8
+    };
+    format!("#{:02x}{:02x}{:02x}", channel(1), channel(3), channel(5))
 }
 
 #[cfg(test)]
@@ -78,6 +94,13 @@ mod tests {
                 assert!((pair[1] - pair[0]).abs() < 1e-9 || (pair[1] > pair[0]) == rising, "{steps:?}");
             }
         }
+    }
+
+    #[test]
+    fn mixing_with_white_runs_from_the_colour_to_white() {
+        assert_eq!(mix_with_white("#004080", 0.0), "#004080");
+        assert_eq!(mix_with_white("#004080", 0.5), "#80a0c0");
+        assert_eq!(mix_with_white("#004080", 1.0), "#ffffff");
     }
 
     #[test]

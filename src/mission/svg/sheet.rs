@@ -70,6 +70,11 @@ impl Sheet {
         Self { height, pixels_per_m, top_view, side_view, legend_left: WIDTH - MARGIN - LEGEND_WIDTH, min, max }
     }
 
+    /// Size of marks (dots, squares, lines of the path) against that on a small scene, where one metre has 2.5 pixels or more.
+    pub fn mark_scale(&self) -> f64 {
+        (self.pixels_per_m / 2.5).sqrt().clamp(0.45, 1.0)
+    }
+
     /// Where a point stands in the top view (north up).
     pub fn seen_from_above(&self, x_m: f64, y_m: f64) -> Place {
         let Frame { left, top, .. } = self.top_view;

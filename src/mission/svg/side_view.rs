@@ -4,19 +4,19 @@ use overfly_table::FieldTable;
 use overfly_table::field::StructureRow;
 use svg::node::element::Group;
 
-use super::colour::{self, HEIGHT};
-use super::flight::Instant;
+use super::colour::{self, HEIGHT, TIME};
+use super::flight::{Instant, split_by_time};
 use super::pen::{self, Anchor};
 use super::sheet::{self, Sheet};
 use super::top_view;
 use crate::trajectory::plan::Plan;
 
+/// How far the farthest structure fades into the paper.
+const MOST_PALE: f64 = 0.75;
+
 /// Draws the whole side view.
 pub fn draw(sheet: &Sheet, field: &FieldTable, plan: &Plan, path: &[Instant]) -> Group {
-    pen::group("side-view")
-        .add(axes(sheet))
-        .add(buildings(sheet, field))
-        .add(top_view::flight(path, plan, 0.75, |point| sheet.seen_from_south(point.x, point.z)))
+    pen::group("side-view").add(axes(sheet)).add(buildings(sheet, field)).add(flight(sheet, plan, path))
 }
 
 fn axes(sheet: &Sheet) -> Group {
@@ -38,18 +38,40 @@ fn axes(sheet: &Sheet) -> Group {
     group.add(pen::line([frame.left, ground], [frame.right(), ground], colour::OUTLINE, 1.4))
 }
 
-/// Far structures first; near ones stand before them.
+/// The path by time alone: from the side its legs lie over each other, and marks on them would hide the heights. Only a narrow white
+/// casing where the path stands before a structure sets it off.
+fn flight(sheet: &Sheet, plan: &Plan, path: &[Instant]) -> Group {
+    let project = |point: &nalgebra::Point3<f64>| sheet.seen_from_south(point.x, point.z);
+    let width = 1.5 * sheet.mark_scale().max(0.55);
+    let pieces = split_by_time(path, top_view::TIME_STEPS);
+    let mut group = Group::new().set("class", "flight");
+    for (index, piece) in pieces.iter().enumerate() {
+        let colour = TIME.at((index as f64 + 0.5) / pieces.len() as f64);
+        let data = pen::polyline(piece.iter().map(project));
+        if index == 0 {
+            let whole = pen::polyline(path.iter().map(|instant| project(&instant.position_m)));
+            group = group.add(pen::stroke(whole, colour::PAPER, width + 1.2).set("stroke-opacity", 0.5));
+        }
+        group = group.add(pen::stroke(data, &colour, width).set("stroke-opacity", 0.85));
+    }
+    group.add(top_view::ends(plan, &project))
+}
+
+/// Far structures first and paler; near ones stand before them.
 fn buildings(sheet: &Sheet, field: &FieldTable) -> Group {
     let tallest_m = field.facts.max_m[2].max(1.0);
     let mut boxes: Vec<(&StructureRow, Extent)> =
         field.structures.iter().filter_map(|structure| Some((structure, extent(field, structure)?))).collect();
     boxes.sort_by(|(_, a), (_, b)| b.south_m.total_cmp(&a.south_m));
+    let depth_m = (field.facts.max_m[1] - field.facts.min_m[1]).max(1.0);
     boxes.into_iter().fold(Group::new(), |group, (structure, extent)| {
+        let paleness = MOST_PALE * ((extent.south_m - field.facts.min_m[1]) / depth_m).clamp(0.0, 1.0);
         let [left, top] = sheet.seen_from_south(extent.west_m, structure.top_m);
         let [right, bottom] = sheet.seen_from_south(extent.east_m, structure.base_m);
-        let shape = pen::rectangle([left, top], [right - left, bottom - top], &HEIGHT.at(structure.top_m / tallest_m))
-            .set("stroke", colour::OUTLINE)
-            .set("stroke-width", 0.7);
+        let shape =
+            pen::rectangle([left, top], [right - left, bottom - top], &HEIGHT.paler(structure.top_m / tallest_m, paleness))
+                .set("stroke", colour::mix_with_white(colour::OUTLINE, paleness))
+                .set("stroke-width", 0.7);
         group.add(pen::titled(shape, &format!("{}: {:.1} m", field.name(structure), structure.top_m)))
     })
 }

@@ -9,6 +9,7 @@ use super::colour::{self, HEIGHT, SHARE, TIME};
 use super::flight::{Instant, split_by_time};
 use super::pen::{self, Anchor, Place};
 use super::sheet::{self, Sheet};
+use super::thin;
 use super::walls::{self, StructureTally};
 use crate::trajectory::plan::Plan;
 
@@ -16,6 +17,11 @@ use crate::trajectory::plan::Plan;
 pub const TIME_STEPS: usize = 96;
 /// Steps of the share ramp: walls of one step are drawn as one path.
 const SHARE_STEPS: usize = 20;
+/// Images are left out until dots are this far apart, and samples beyond reach likewise, pixels.
+const IMAGE_GAP: f64 = 6.0;
+const BEYOND_REACH_GAP: f64 = 4.0;
+/// Narrow side of the median roof from which on roofs carry squares, pixels.
+const LEAST_ROOF: f64 = 18.0;
 
 /// Draws the whole top view.
 pub fn draw(sheet: &Sheet, field: &FieldTable, tallies: &[StructureTally], plan: &Plan, path: &[Instant]) -> Group {
@@ -25,28 +31,40 @@ pub fn draw(sheet: &Sheet, field: &FieldTable, tallies: &[StructureTally], plan:
         .add(wall_shares(sheet, field, tallies))
         .add(roof_shares(sheet, field, tallies))
         .add(beyond_reach(sheet, field))
-        .add(flight(path, plan, 1.0, |point| sheet.seen_from_above(point.x, point.y)))
+        .add(flight(sheet, plan, path))
 }
 
-/// The path by time with waypoints, images and both ends, through any projection; the side view draws it the same way. `weight` is the
-/// thickness of lines and dots, 1 for the top view.
-pub fn flight(path: &[Instant], plan: &Plan, weight: f64, project: impl Fn(&Point3<f64>) -> Place) -> Group {
+/// The path by time with waypoints, images and both ends.
+fn flight(sheet: &Sheet, plan: &Plan, path: &[Instant]) -> Group {
+    let project = |point: &Point3<f64>| sheet.seen_from_above(point.x, point.y);
+    let scale = sheet.mark_scale();
     let whole = pen::polyline(path.iter().map(|instant| project(&instant.position_m)));
     let mut coloured = Group::new();
     let pieces = split_by_time(path, TIME_STEPS);
     for (index, piece) in pieces.iter().enumerate() {
         let colour = TIME.at((index as f64 + 0.5) / pieces.len() as f64);
-        coloured = coloured.add(pen::stroke(pen::polyline(piece.iter().map(&project)), &colour, 2.4 * weight));
+        coloured = coloured.add(pen::stroke(pen::polyline(piece.iter().map(project)), &colour, 2.4 * scale));
     }
+    let corners: Vec<Place> = plan.waypoints.iter().map(|waypoint| project(&waypoint.position_m)).collect();
     let images = plan.images.iter().map(|image| project(&image.position_m));
-    let corners = plan.waypoints.iter().map(|waypoint| waypoint_marker(project(&waypoint.position_m), weight));
+    let images = thin::apart(images, corners.iter().copied(), IMAGE_GAP);
+    let corners = corners.into_iter().map(|corner| waypoint_marker(corner, scale));
     Group::new()
         .set("class", "flight")
-        .add(pen::stroke(whole, colour::PAPER, 5.0 * weight).set("stroke-opacity", 0.85))
+        .add(pen::stroke(whole, colour::PAPER, 4.4 * scale).set("stroke-opacity", 0.85))
         .add(coloured)
-        .add(pen::dots(images, 2.5 * weight, colour::INK).set("class", "images"))
+        .add(image_dots(&images, scale))
         .add(corners.fold(Group::new().set("class", "waypoints"), Group::add))
         .add(ends(plan, &project))
+}
+
+/// Images as they stand on the path and in the legend: white with a dark edge, to be seen on every colour of the path.
+pub fn image_dots(places: &[Place], scale: f64) -> Group {
+    Group::new().set("class", "images").add(pen::dots(places.iter().copied(), 2.2 * scale + 1.0, colour::INK)).add(pen::dots(
+        places.iter().copied(),
+        2.2 * scale,
+        colour::PAPER,
+    ))
 }
 
 /// A marker with a letter, as it stands at the start and at the end of the flight and in the legend.
@@ -66,10 +84,35 @@ pub fn waypoint_marker(place: Place, weight: f64) -> Element {
 
 /// How thick walls are drawn, pixels.
 pub fn wall_width(sheet: &Sheet) -> f64 {
-    (1.3 * sheet.pixels_per_m).clamp(1.8, 4.2)
+    (1.3 * sheet.pixels_per_m).clamp(1.0, 4.2)
 }
 
-fn ends(plan: &Plan, project: &impl Fn(&Point3<f64>) -> Place) -> Group {
+/// How thick the dark outline on each side of a wall is, pixels: without it a wall that is not captured would look like a gap.
+pub fn wall_edge(sheet: &Sheet) -> f64 {
+    (0.4 * sheet.pixels_per_m).clamp(0.5, 1.0)
+}
+
+/// Whether the roofs of this sheet carry squares by share; on a large scene they would be larger than the roofs, which are filled by
+/// share instead.
+pub fn has_roof_squares(sheet: &Sheet, field: &FieldTable) -> bool {
+    let mut sizes: Vec<f64> = field.structures.iter().map(|structure| narrow_side_m(field, structure)).collect();
+    sizes.sort_by(f64::total_cmp);
+    let median_m = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+    median_m * sheet.pixels_per_m >= LEAST_ROOF
+}
+
+/// The shorter side of the box around a structure's outline, m.
+fn narrow_side_m(field: &FieldTable, structure: &StructureRow) -> f64 {
+    let (mut min, mut max) = ([f64::MAX; 2], [f64::MIN; 2]);
+    for [x, y] in field.outline(structure).flatten() {
+        (min[0], min[1]) = (min[0].min(*x), min[1].min(*y));
+        (max[0], max[1]) = (max[0].max(*x), max[1].max(*y));
+    }
+    (max[0] - min[0]).min(max[1] - min[1]).max(0.0)
+}
+
+/// Start and end of the flight.
+pub fn ends(plan: &Plan, project: &impl Fn(&Point3<f64>) -> Place) -> Group {
     let (Some(first), Some(last)) = (plan.waypoints.first(), plan.waypoints.last()) else { return Group::new() };
     Group::new().add(end_marker(project(&last.position_m), "E")).add(end_marker(project(&first.position_m), "S"))
 }
@@ -109,14 +152,20 @@ fn buildings(sheet: &Sheet, field: &FieldTable, tallies: &[StructureTally]) -> G
     let tallest_m = field.facts.max_m[2].max(1.0);
     let mut order: Vec<usize> = (0..field.structures.len()).collect();
     order.sort_by(|a, b| field.structures[*a].top_m.total_cmp(&field.structures[*b].top_m).then(a.cmp(b)));
+    let has_squares = has_roof_squares(sheet, field);
     order.into_iter().fold(pen::group("buildings"), |group, index| {
         let structure = &field.structures[index];
+        let fill = match (has_squares, tallies[index].roof.share()) {
+            (true, _) => HEIGHT.at(structure.top_m / tallest_m),
+            (false, Some(share)) => SHARE.at(share),
+            (false, None) => colour::NOT_EXPOSED.to_owned(),
+        };
         let shape = Path::new()
             .set("d", outline(sheet, field, structure))
-            .set("fill", HEIGHT.at(structure.top_m / tallest_m))
+            .set("fill", fill)
             .set("fill-rule", "evenodd")
             .set("stroke", colour::OUTLINE)
-            .set("stroke-width", 0.7)
+            .set("stroke-width", pen::rounded(0.7 * sheet.mark_scale()))
             .set("data-id", format!("{:016x}", structure.id));
         group.add(pen::titled(shape, &caption(field, structure, &tallies[index])))
     })
@@ -152,7 +201,8 @@ fn wall_shares(sheet: &Sheet, field: &FieldTable, tallies: &[StructureTally]) ->
         }
     }
     let width = wall_width(sheet);
-    let mut group = pen::group("walls").add(pen::stroke(casing, colour::WALL_CASING, width + 1.4).set("stroke-linecap", "butt"));
+    let mut group = pen::group("walls")
+        .add(pen::stroke(casing, colour::WALL_CASING, width + 2.0 * wall_edge(sheet)).set("stroke-linecap", "butt"));
     for (step, data) in by_step.into_iter().enumerate().filter(|(_, data)| !data.is_empty()) {
         let share = step as f64 / SHARE_STEPS as f64;
         let shape = pen::stroke(data, &SHARE.at(share), width).set("stroke-linecap", "butt");
@@ -166,8 +216,11 @@ fn wall(sheet: &Sheet, ring: &[PointRow], index: usize) -> String {
     pen::polyline([sheet.seen_from_above(from.x, from.y), sheet.seen_from_above(to.x, to.y)])
 }
 
-/// A dot by share in the middle of each exposed roof.
+/// A square by share in the middle of each exposed roof, where roofs have room for it.
 fn roof_shares(sheet: &Sheet, field: &FieldTable, tallies: &[StructureTally]) -> Group {
+    if !has_roof_squares(sheet, field) {
+        return pen::group("roofs");
+    }
     field.structures.iter().enumerate().fold(pen::group("roofs"), |group, (index, structure)| {
         let (Some(share), Some(place)) = (tallies[index].roof.share(), roof_middle(sheet, field, index, structure)) else {
             return group;
@@ -198,10 +251,10 @@ fn roof_middle(sheet: &Sheet, field: &FieldTable, index: usize, structure: &Stru
     roof.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
-/// Exposed samples that no admissible view captures; those of walls stand a little outside of the wall.
+/// Exposed samples that no admissible view captures, thinned out where they would merge; those of walls stand a little outside of it.
 fn beyond_reach(sheet: &Sheet, field: &FieldTable) -> Path {
     let threshold = field.facts.threshold_cells;
-    let offset = wall_width(sheet) / 2.0 + 2.6;
+    let offset = wall_width(sheet) / 2.0 + 2.6 * sheet.mark_scale();
     let places = field
         .samples
         .iter()
@@ -211,5 +264,6 @@ fn beyond_reach(sheet: &Sheet, field: &FieldTable) -> Path {
             let [x, y] = sheet.seen_from_above(sample.position_m[0], sample.position_m[1]);
             [x + sample.normal[0] * offset, y - sample.normal[1] * offset]
         });
-    pen::dots(places, 2.4, colour::BEYOND_REACH).set("id", "beyond-reach")
+    let places = thin::apart(places, [], BEYOND_REACH_GAP);
+    pen::dots(places, (2.4 * sheet.mark_scale()).max(1.4), colour::BEYOND_REACH).set("id", "beyond-reach")
 }

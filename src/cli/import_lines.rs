@@ -80,17 +80,24 @@ mod tests {
 
     #[test]
     fn a_guessed_height_and_a_dropped_feature_are_named_with_what_they_mean() {
-        let square = r#"{"type":"Polygon","coordinates":[[[4.4,51.9],[4.4003,51.9],[4.4003,51.9002],[4.4,51.9002],[4.4,51.9]]]}"#;
-        let feature = |name: &str, geometry: &str| {
+        let square = |west: f64| {
+            let east = west + 0.0003;
             format!(
-                r#"{{"type":"Feature","id":"{name}","properties":{{"name":"{name}","building":"yes"}},"geometry":{geometry}}}"#
+                r#"{{"type":"Polygon","coordinates":[[[{west},51.9],[{east},51.9],[{east},51.9002],[{west},51.9002],[{west},51.9]]]}}"#
             )
         };
-        let file =
-            format!(r#"{{"type":"FeatureCollection","features":[{},{}]}}"#, feature("shed", square), feature("ghost", "null"));
+        let feature = |name: &str, properties: &str, geometry: &str| {
+            format!(r#"{{"type":"Feature","id":"{name}","properties":{{{properties}}},"geometry":{geometry}}}"#)
+        };
+        let file = format!(
+            r#"{{"type":"FeatureCollection","features":[{},{},{}]}}"#,
+            feature("hall", r#""height":9"#, &square(4.4)),
+            feature("shed", r#""building":"yes""#, &square(4.401)),
+            feature("ghost", r#""height":9"#, "null")
+        );
         let (_, report) = scene::read("town.geojson", file.as_bytes(), &Settings::default().proxy).unwrap();
         let lines = lines(&report, 1);
-        assert!(lines[0].starts_with("1 structure, 1 no-fly zone,"), "{lines:?}");
+        assert!(lines[0].starts_with("2 structures, 1 no-fly zone,"), "{lines:?}");
         let has = |text: &str| lines.iter().any(|line| line == text);
         assert!(has("1 guessed heights, may be taller: shed"), "{lines:?}");
         assert!(has("1 dropped, not avoided in flight: ghost"), "{lines:?}");

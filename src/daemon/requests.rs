@@ -15,7 +15,7 @@ use super::edits::{self, PendingEdit};
 use super::jobs::{FileSource, JobId};
 use super::ledger::{Outcome, Seen, Ticket};
 use super::ports::Ports;
-use super::scenes::{Current, Queued, Slot};
+use super::scenes::{Cause, Current, Queued, Slot};
 use super::state::{Daemon, Reading, stopping, tell};
 
 /// Jobs that may run or wait for a thread at the same time.
@@ -153,7 +153,7 @@ impl Daemon {
         self.supersede_queued(ports, scene, "a newer plan request");
         if let Some(slot) = self.scenes.get_mut(scene) {
             slot.orders.accept(&order);
-            slot.queued = Some(Queued { ticket, order, taken_up: Instant::now(), field_s: 0.0 });
+            slot.queued = Some(Queued { ticket, order, cause: Cause::Request, taken_up: Instant::now(), field_s: 0.0 });
         }
         self.advance(ports, scene);
         Ok(())

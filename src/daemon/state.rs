@@ -243,11 +243,12 @@ impl Daemon {
             snapshot: current.snapshot.clone(),
             settings: current.session.settings().clone(),
             options: convert::plan_options(&queued.order),
+            cause: queued.cause,
             field_s: queued.field_s,
         };
         self.owners.insert(assignment.job, scene.into());
         self.workshop.plan(assignment.clone(), flight);
-        slot.search = Some(Search { assignment, ticket: queued.ticket, order: queued.order });
+        slot.search = Some(Search { assignment, ticket: queued.ticket, order: queued.order, cause: queued.cause });
     }
 
     /// Ends the search that runs on `scene`, and tells whoever waits for it that `by` took its place.

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use overfly_client::{Client, EditOrder, Edited};
+use overfly_client::{Client, ClientError, EditOrder, Edited, RefusalCode};
 use serde_json::json;
 
 use super::answer::{Answer, Form};
@@ -25,7 +25,10 @@ pub fn run(arguments: &EditArgs, form: Form) -> Result<Answer, Failure> {
 
 fn receive(client: &Client, arguments: &EditArgs, edited: &Edited, started: Instant, form: Form) -> Result<Answer, Failure> {
     let mut meter = Meter::new(form);
-    let message = client.await_replan(edited, daemon::REPLAN, &mut |note| meter.note(note))?;
+    let message = match client.await_replan(edited, daemon::REPLAN, &mut |note| meter.note(note)) {
+        Err(ClientError::Refused { code: RefusalCode::Superseded, .. }) => return Ok(superseded(edited)),
+        other => other?,
+    };
     let edit_to_plan_s = started.elapsed().as_secs_f64();
     drop(meter);
     let (plan, times) = daemon::plan_of(&message)?;
@@ -37,6 +40,15 @@ fn receive(client: &Client, arguments: &EditArgs, edited: &Edited, started: Inst
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
     Ok(plan::answer(&flight, &files, form))
+}
+
+/// The edit stands, whatever became of its plan.
+fn superseded(edited: &Edited) -> Answer {
+    let revision = edited.revision;
+    Answer {
+        text: format!("edit made (revision {revision}); a newer request replaced its replan"),
+        json: json!({ "scene": edited.scene, "revision": revision, "replan_follows": false, "replan_superseded": true }),
+    }
 }
 
 fn edited_only(edited: &Edited) -> Answer {

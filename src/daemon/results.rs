@@ -164,10 +164,10 @@ impl Daemon {
             self.answer(ports, edit.ticket, &Reply::Edited { revision, replan_follows }, replan_follows);
         }
         let (Some(order), Some((last, earlier))) = (order, edits.split_last()) else { return };
-        self.refuse_superseded(ports, scene, earlier.iter().map(|edit| edit.ticket), "a newer edit");
+        self.supersede_replans(ports, scene, earlier.iter().map(|edit| edit.ticket), "a newer edit");
         let queued = self.scenes.get(scene).and_then(|slot| slot.queued.as_ref());
         if queued.is_some_and(|queued| queued.taken_up > last.taken_up) {
-            self.refuse_superseded(ports, scene, [last.ticket], "a newer plan request");
+            self.supersede_replans(ports, scene, [last.ticket], "a newer plan request");
             return;
         }
         self.supersede_queued(ports, scene, "an edit");

@@ -16,7 +16,7 @@ use super::edits::Batch;
 use super::jobs::{Assignment, FieldSource, Flight, JobId, News, Workshop};
 use super::ledger::{Ledger, Ticket};
 use super::ports::Ports;
-use super::scenes::{Queued, Search, Slot};
+use super::scenes::{Cause, Queued, Search, Slot};
 use super::wake::Mail;
 use crate::daemon::convert;
 use crate::planner::StopToken;
@@ -256,13 +256,19 @@ impl Daemon {
         let Some(search) = self.scenes.get_mut(scene).and_then(|slot| slot.search.take()) else { return };
         search.assignment.stop.abandon();
         self.owners.remove(&search.assignment.job);
-        self.refuse_superseded(ports, scene, [search.ticket], by);
+        match search.cause {
+            Cause::Request => self.refuse_superseded(ports, scene, [search.ticket], by),
+            Cause::Edit => self.supersede_replans(ports, scene, [search.ticket], by),
+        }
     }
 
     /// Ends the search that waits on `scene`.
     pub(super) fn supersede_queued(&mut self, ports: &Ports, scene: &str, by: &str) {
-        let queued = self.scenes.get_mut(scene).and_then(|slot| slot.queued.take());
-        self.refuse_superseded(ports, scene, queued.map(|queued| queued.ticket), by);
+        let Some(queued) = self.scenes.get_mut(scene).and_then(|slot| slot.queued.take()) else { return };
+        match queued.cause {
+            Cause::Request => self.refuse_superseded(ports, scene, [queued.ticket], by),
+            Cause::Edit => self.supersede_replans(ports, scene, [queued.ticket], by),
+        }
     }
 
     /// Gives up the edits of `scene` that are not made yet.
@@ -285,6 +291,16 @@ impl Daemon {
         for ticket in tickets {
             let message = format!("{by} on the scene {scene:?} took the place of this request; ask again if it is still wanted");
             self.refuse(ports, ticket, Refusal::new(RefusalCode::Superseded, message));
+        }
+    }
+
+    /// Tells whoever waits for the plan after an edit that it will not come. The edit itself was answered before, and stays made.
+    pub(super) fn supersede_replans(&mut self, ports: &Ports, scene: &str, tickets: impl IntoIterator<Item = Ticket>, by: &str) {
+        for ticket in tickets {
+            let message = format!("the edit is made; {by} on the scene {scene:?} took the place of its replan");
+            tracing::info!(client = ticket.client, correlation = ticket.correlation, message, "replan superseded");
+            let refusal = Refusal::new(RefusalCode::Superseded, message);
+            self.answer(ports, ticket, &Reply::Refused(refusal), false);
         }
     }
 

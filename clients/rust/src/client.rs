@@ -239,7 +239,7 @@ impl Client {
         match link.call(&Request::Hello, &[], patience, &mut |_| {}) {
             Ok((_, Reply::Welcome { .. })) => Ok(Self { link, kept: RefCell::default() }),
             Ok((_, other)) => Err(unexpected(&other)),
-            Err(ClientError::NoAnswer { .. }) => Err(no_daemon()),
+            Err(ClientError::NoAnswer { .. } | ClientError::Lost { .. }) => Err(no_daemon()),
             Err(other) => Err(other),
         }
     }

@@ -26,6 +26,41 @@ const REMIND: Duration = Duration::from_millis(500);
 /// A daemon that does not even acknowledge reminders for so long is gone or stuck.
 const SILENCE: Duration = Duration::from_secs(20);
 
+/// How often somebody who waits looks whether the daemon is still there.
+const LOOK_FOR_DAEMON: Duration = Duration::from_millis(500);
+
+/// Looks whether the daemon that was there is still there.
+pub(crate) struct Watchman {
+    domain: Domain,
+    /// The domain's lock was held once. It never is where only a network tunnel serves the domain.
+    was_locked: Cell<bool>,
+    looked: Cell<Instant>,
+}
+
+impl Watchman {
+    pub(crate) fn new(domain: &Domain) -> Self {
+        Self { domain: domain.clone(), was_locked: Cell::new(domain.is_locked()), looked: Cell::new(Instant::now()) }
+    }
+
+    /// Whether nobody holds the lock any more. Looks only every so often, so that it may be asked at every turn of a loop. What the
+    /// daemon has sent before it ended can still be received.
+    pub(crate) fn finds_daemon_gone(&self) -> bool {
+        if self.looked.get().elapsed() < LOOK_FOR_DAEMON {
+            return false;
+        }
+        self.looked.set(Instant::now());
+        if self.domain.is_locked() {
+            self.was_locked.set(true);
+            return false;
+        }
+        self.was_locked.get()
+    }
+
+    pub(crate) fn lost(&self) -> ClientError {
+        ClientError::Lost { domain: self.domain.name().into() }
+    }
+}
+
 /// A node in the domain. The last one to leave a domain without a daemon tidies up.
 pub(crate) struct Presence {
     domain: Domain,
@@ -63,6 +98,7 @@ pub(crate) struct Link {
     pub(crate) instance: Cell<u64>,
     next_correlation: Cell<u64>,
     pub(crate) domain: Domain,
+    watchman: Watchman,
     pub(crate) presence: Arc<Presence>,
 }
 
@@ -94,7 +130,7 @@ impl Link {
         let ring = service::notifier(&service::open_bell(node, Bell::Daemon)?)?;
         let unique = node.id().value();
         let id = ((unique >> 64) as u64 ^ unique as u64).max(1);
-        let domain = domain.clone();
+        let (domain, watchman) = (domain.clone(), Watchman::new(domain));
         Ok(Self {
             requests,
             request_service,
@@ -106,6 +142,7 @@ impl Link {
             instance: Cell::new(0),
             next_correlation: Cell::new(1),
             domain,
+            watchman,
             presence,
         })
     }
@@ -163,8 +200,12 @@ impl Link {
             return self.hear(exchange, reply).map(Some);
         }
         let _ = self.wait_for_news(wait);
+        let is_gone = self.watchman.finds_daemon_gone();
         if let Some(reply) = self.reply_to(exchange)? {
             return self.hear(exchange, reply).map(Some);
+        }
+        if is_gone {
+            return Err(self.watchman.lost());
         }
         let now = Instant::now();
         let silent = now - exchange.heard;

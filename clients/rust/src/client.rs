@@ -231,8 +231,8 @@ impl Client {
         }
         let link = match Link::open(domain) {
             Ok(link) => link,
-            Err(ServiceError::Missing(_)) => return Err(no_daemon()),
-            Err(other) => return Err(other.into()),
+            Err(ClientError::Service(ServiceError::Missing(_))) => return Err(no_daemon()),
+            Err(other) => return Err(other),
         };
         link.attach();
         let patience = end.saturating_duration_since(Instant::now()).max(Duration::from_millis(300));

@@ -11,7 +11,7 @@ use overfly_wire::frame::{self, Limits};
 use overfly_wire::memory;
 use overfly_wire::service::{
     self, Bell, BlockPublisher, BlockService, BlockSubscriber, Channel, EVENT_ATTACH, EVENT_REQUEST, EventListener,
-    EventNotifier, IpcNode, LOOK_AGAIN, Memory, ServiceError,
+    EventNotifier, IpcNode, LOOK_AGAIN, Memory,
 };
 use overfly_wire::{Domain, Header, Kind, ProgressNote, RefusalCode, Reply, Request, WireBlock};
 
@@ -25,6 +25,9 @@ const RESEND: Duration = Duration::from_millis(100);
 const REMIND: Duration = Duration::from_millis(500);
 /// A daemon that does not even acknowledge reminders for so long is gone or stuck.
 const SILENCE: Duration = Duration::from_secs(20);
+
+/// Room in /dev/shm for the node and the ports of one client, bytes.
+const PORTS_BYTES: usize = 1 << 20;
 
 /// How often somebody who waits looks whether the daemon is still there.
 const LOOK_FOR_DAEMON: Duration = Duration::from_millis(500);
@@ -68,7 +71,9 @@ pub(crate) struct Presence {
 }
 
 impl Presence {
-    pub(crate) fn enter(domain: &Domain) -> Result<Arc<Self>, ServiceError> {
+    pub(crate) fn enter(domain: &Domain) -> Result<Arc<Self>, ClientError> {
+        // iceoryx2 writes to the memory of new nodes and ports by itself, which would kill the process where there is none.
+        memory::check_room(PORTS_BYTES)?;
         Ok(Arc::new(Self { domain: domain.clone(), node: Some(service::node(domain, "overfly-client")?) }))
     }
 
@@ -119,7 +124,7 @@ pub(crate) struct Exchange<'a> {
 
 impl Link {
     /// Opens the ports; [`ServiceError::Missing`] says that there is no daemon.
-    pub(crate) fn open(domain: &Domain) -> Result<Self, ServiceError> {
+    pub(crate) fn open(domain: &Domain) -> Result<Self, ClientError> {
         let presence = Presence::enter(domain)?;
         let node = presence.node();
         let request_service = service::open(node, Channel::Requests)?;
@@ -277,6 +282,7 @@ impl Link {
             bulk_bytes: bulk.len() as u64,
             ..Header::new(Kind::Request)
         };
+        memory::check_room(std::mem::size_of::<WireBlock>() * frame::blocks(body.len(), bulk.len()))?;
         let mut sample = match carrier.unwrap_or(&self.requests).loan_slice_uninit(frame::blocks(body.len(), bulk.len())) {
             Ok(sample) => sample,
             // The daemon has not yet given earlier messages back: it will be reminded.

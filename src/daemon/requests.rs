@@ -149,6 +149,7 @@ impl Daemon {
         if self.slot(scene)?.current.is_none() && self.slot(scene)?.loads.is_empty() {
             return Err(no_field(scene));
         }
+        self.note_presence(ticket.client);
         self.supersede_search(ports, scene, "a newer plan request");
         self.supersede_queued(ports, scene, "a newer plan request");
         if let Some(slot) = self.scenes.get_mut(scene) {

@@ -133,8 +133,7 @@ impl Link {
         let plans = service::subscriber(&service::open(node, Channel::Plans)?)?;
         let news = service::listener(&service::open_bell(node, Bell::Clients)?)?;
         let ring = service::notifier(&service::open_bell(node, Bell::Daemon)?)?;
-        let unique = node.id().value();
-        let id = ((unique >> 64) as u64 ^ unique as u64).max(1);
+        let id = service::short_id(node.id().value());
         let (domain, watchman) = (domain.clone(), Watchman::new(domain));
         Ok(Self {
             requests,

@@ -4,7 +4,7 @@ mod served;
 
 use std::time::Duration;
 
-use overfly_client::{Client, ClientError, RefusalCode};
+use overfly_client::{Client, ClientError, RefusalCode, SceneState};
 use served::{PATIENCE, Served, endless, fresh_domain, load, quick, refusal, wait_for};
 
 #[test]
@@ -58,6 +58,45 @@ fn a_stop_request_ends_the_daemon_and_a_running_search_gives_its_plan() {
     assert!(served.ended().success());
     drop(other);
     assert_eq!(served.leftovers(), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn whoever_waits_is_told_when_the_daemon_is_killed() {
+    let mut served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let watch = client.watch("block").unwrap();
+    std::thread::scope(|threads| {
+        let search = threads.spawn(|| served.client().plan("block", &endless(), &mut |_| {}));
+        wait_for("the search", || client.status().unwrap().scenes.iter().find(|s| s.state == SceneState::Planning).map(drop));
+        served.signal("-KILL");
+        let lost = search.join().unwrap().err();
+        assert!(matches!(lost, Some(ClientError::Lost { .. })), "{lost:?}");
+    });
+    let lost = watch.next(PATIENCE).err();
+    assert!(matches!(lost, Some(ClientError::Lost { .. })), "{lost:?}");
+    drop((watch, client));
+    served.ended();
+}
+
+#[test]
+fn the_search_of_a_killed_client_is_stopped_and_its_plan_published() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let watch = client.watch("block").unwrap();
+    let arguments = ["plan", "block", "--iterations", "1000000", "--domain", served.domain.name()];
+    let mut pilot = std::process::Command::new(env!("CARGO_BIN_EXE_overfly"))
+        .args(arguments)
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    wait_for("the search", || client.status().unwrap().scenes.iter().find(|s| s.state == SceneState::Planning).map(drop));
+    pilot.kill().unwrap();
+    pilot.wait().unwrap();
+    let plan = watch.next(PATIENCE).unwrap().expect("the best plan so far");
+    assert_eq!(plan.table().facts.stop, 2);
 }
 
 #[test]

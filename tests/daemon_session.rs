@@ -291,6 +291,48 @@ fn the_status_is_published_when_it_changes_and_to_whoever_comes_later() {
 }
 
 #[test]
+fn a_replan_whose_start_was_built_over_takes_another_start_and_says_so() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let plan = client.plan("block", &quick(), &mut |_| {}).unwrap();
+    let start = plan_table::from_table(&plan.table()).unwrap().0.waypoints[0].position_m;
+    let order = overfly_client::PlanOrder { start_m: Some([start.x, start.y, start.z]), ..quick() };
+    client.plan("block", &order, &mut |_| {}).unwrap();
+    let outline_m = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]].map(|[x, y]| [start.x + x, start.y + y]).to_vec();
+    let tower = EditOrder::Add { name: "tower".into(), outline_m, base_m: 0.0, top_m: start.z + 2.0 };
+    let edited = client.edit("block", &tower).unwrap();
+    let replan = client.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
+    assert_eq!(replan.table().facts.revision, 2);
+    let scene = client.status().unwrap().scenes.remove(0);
+    assert!(scene.remark.is_some_and(|remark| remark.contains("another start")));
+    assert!(scene.plan.is_some_and(|plan| !plan.is_stale));
+    // Whoever asks for that start himself is told that it does not serve.
+    assert_eq!(refusal(client.plan("block", &order, &mut |_| {})).0, RefusalCode::Plan);
+}
+
+#[test]
+fn a_plan_of_an_earlier_revision_is_marked_as_stale() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    std::thread::scope(|threads| {
+        let search = threads.spawn(|| served.client().plan("block", &endless(), &mut |_| {}).map(drop));
+        wait_for("the search", || client.status().unwrap().scenes.iter().find(|s| s.state == SceneState::Planning).map(drop));
+        client.cancel("block").unwrap();
+        search.join().unwrap().unwrap();
+    });
+    let is_stale = || client.status().unwrap().scenes[0].plan.is_some_and(|plan| plan.is_stale);
+    assert!(!is_stale());
+    let structure = client.structures("block").unwrap()[0].name.clone();
+    let edited = client.edit("block", &EditOrder::Raise { structure, by_m: 1.0 }).unwrap();
+    wait_for("the mark", || is_stale().then_some(()));
+    client.cancel("block").unwrap();
+    client.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
+    assert!(!is_stale());
+}
+
+#[test]
 fn scenes_are_listed_and_unloaded() {
     let served = Served::with_settings("memory_budget_mb = 1");
     let client = served.client();

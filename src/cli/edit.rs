@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use overfly_client::{Client, EditOrder, Edited, StructureInfo};
+use overfly_client::{Client, ClientError, EditOrder, Edited, RefusalCode, StructureInfo};
 use serde_json::json;
 
 use super::answer::{Answer, Form};
@@ -52,7 +52,10 @@ fn changed(change: &Change, before: &[StructureInfo], edited: &Edited) -> String
 
 fn receive(client: &Client, arguments: &EditArgs, edited: &Edited, started: Instant, form: Form) -> Result<Answer, Failure> {
     let mut meter = Meter::new(form);
-    let message = client.await_replan(edited, daemon::REPLAN, &mut |note| meter.note(note))?;
+    let message = match client.await_replan(edited, daemon::REPLAN, &mut |note| meter.note(note)) {
+        Err(ClientError::Refused { code: RefusalCode::Superseded, .. }) => return Ok(superseded(edited)),
+        other => other?,
+    };
     let edit_to_plan_s = started.elapsed().as_secs_f64();
     let asked = meter.asked();
     drop(meter);
@@ -67,6 +70,15 @@ fn receive(client: &Client, arguments: &EditArgs, edited: &Edited, started: Inst
     let command = format!("overfly plan {}", arguments.scene);
     plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), form);
     Ok(plan::answer(&flight, &files, asked))
+}
+
+/// The edit stands, whatever became of its plan.
+fn superseded(edited: &Edited) -> Answer {
+    let revision = edited.revision;
+    Answer {
+        text: format!("edit made (revision {revision}); a newer request replaced its replan"),
+        json: json!({ "scene": edited.scene, "revision": revision, "replan_follows": false, "replan_superseded": true }),
+    }
 }
 
 fn edited_only(edited: &Edited, changed: &str) -> Answer {

@@ -65,6 +65,7 @@ fn overview(status: &Status) -> Answer {
         let mut rows = vec![head.map(str::to_owned).to_vec()];
         rows.extend(status.scenes.iter().map(scene_row));
         text.push_str(&answer::table(&rows));
+        status.scenes.iter().filter_map(scene_note).for_each(|note| text.push_str(&note));
     }
     Answer { text, json: status_json(status) }
 }
@@ -82,6 +83,14 @@ fn scene_row(scene: &SceneStatus) -> Vec<String> {
         plan(|plan| format!("{:.1}", plan.coverage_percent)),
         plan(|plan| format!("{:.0}", plan.length_m)),
     ]
+}
+
+/// What is to be known before the last plan is flown.
+fn scene_note(scene: &SceneStatus) -> Option<String> {
+    let stale = scene.plan.as_ref().filter(|plan| plan.is_stale);
+    let stale = stale.map(|plan| format!("its plan is of revision {} and stale: do not fly it", plan.revision));
+    let notes: Vec<String> = stale.into_iter().chain(scene.remark.clone()).collect();
+    (!notes.is_empty()).then(|| format!("\n{}: {}", scene.name, notes.join("; ")))
 }
 
 fn state_name(state: SceneState) -> &'static str {
@@ -111,6 +120,7 @@ fn scene_json(scene: &SceneStatus) -> Value {
     let plan = scene.plan.as_ref().map(|plan| {
         json!({
             "revision": plan.revision,
+            "stale": plan.is_stale,
             "seed": plan.seed,
             "waypoints": plan.waypoints,
             "length_m": plan.length_m,
@@ -129,6 +139,7 @@ fn scene_json(scene: &SceneStatus) -> Value {
         "field_bytes": scene.field_bytes,
         "state": state_name(scene.state),
         "plan": plan,
+        "remark": scene.remark,
     })
 }
 

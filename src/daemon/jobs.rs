@@ -14,6 +14,7 @@ use super::budget::{Budget, OverBudget};
 use super::crew::{self, Crew};
 use super::field_channel::{FieldChannel, FieldChannelError, FilledField};
 use super::scene_file::{self, SceneFile};
+use super::scenes::Cause;
 use super::wake::Mail;
 use crate::mission::plan_table;
 use crate::planner::{self, PlanError, PlanOptions, Progress, StopToken};
@@ -67,6 +68,8 @@ pub struct BuiltField {
 #[derive(Debug)]
 pub struct PlannedFlight {
     pub table: Vec<Block>,
+    /// How it differs from what was ordered.
+    pub remark: Option<String>,
 }
 
 /// What every job needs.
@@ -106,6 +109,7 @@ pub struct Flight {
     pub snapshot: Snapshot,
     pub settings: Arc<Settings>,
     pub options: PlanOptions,
+    pub cause: Cause,
     /// Time that building the field took when that belongs to this request, s.
     pub field_s: f64,
 }
@@ -166,7 +170,17 @@ impl Workshop {
                 self.post(assignment, NewsKind::Progress(note(assignment, progress)));
             }
         };
-        let plan = planner::plan(&flight.snapshot, &flight.settings, &flight.options, &assignment.stop, &mut on_progress)?;
+        let mut search = |options: &PlanOptions| {
+            planner::plan(&flight.snapshot, &flight.settings, options, &assignment.stop, &mut on_progress)
+        };
+        let (plan, remark) = match (search(&flight.options), flight.cause) {
+            // The start is that of an earlier order, and nobody asked for it in the scene as it is now.
+            (Err(error @ PlanError::Start { .. }), Cause::Edit) => {
+                let remark = format!("since an edit {}; another start was chosen", without_remedy(&error));
+                (search(&PlanOptions { start_m: None, ..flight.options.clone() })?, Some(remark))
+            }
+            (plan, _) => (plan?, None),
+        };
         let times = RunTimes {
             field_s: flight.field_s,
             search_s: (searched - started).as_secs_f64(),
@@ -174,7 +188,7 @@ impl Workshop {
             total_s: assignment.taken_up.elapsed().as_secs_f64(),
             threads: u32::try_from(rayon::current_num_threads()).unwrap_or(u32::MAX),
         };
-        Ok(PlannedFlight { table: plan_table::to_blocks(&plan, &times) })
+        Ok(PlannedFlight { table: plan_table::to_blocks(&plan, &times), remark })
     }
 
     /// Runs `work` on a thread of its own, as soon as there is one. A panic in it is a defect that costs the request, not the daemon.
@@ -218,6 +232,12 @@ fn note(assignment: &Assignment, progress: &Progress) -> ProgressNote {
         objective: progress.objective,
         elapsed_s: assignment.taken_up.elapsed().as_secs_f64(),
     }
+}
+
+/// What an error says, without what to do about it: that is done already.
+fn without_remedy(error: &PlanError) -> String {
+    let text = error.to_string();
+    text.split(';').next().unwrap_or_default().to_owned()
 }
 
 fn defect(panic: &(dyn std::any::Any + Send)) -> Refusal {

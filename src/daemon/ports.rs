@@ -54,8 +54,7 @@ impl Ports {
         let status = service::publisher(&service::provide(&node, Channel::Status)?, Memory::Growing)?;
         let news = service::notifier(&service::provide_bell(&node, Bell::Clients)?)?;
         let bell = service::listener(&service::provide_bell(&node, Bell::Daemon)?)?;
-        let unique = node.id().value();
-        let instance = ((unique >> 64) as u64 ^ unique as u64).max(1);
+        let instance = service::short_id(node.id().value());
         Ok(Self { bell, requests, replies, plans, status, news, instance, node })
     }
 

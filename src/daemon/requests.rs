@@ -15,7 +15,7 @@ use super::edits::{self, PendingEdit};
 use super::jobs::{FileSource, JobId};
 use super::ledger::{Outcome, Seen, Ticket};
 use super::ports::Ports;
-use super::scenes::{Current, Queued, Slot};
+use super::scenes::{Cause, Current, Queued, Slot};
 use super::state::{Daemon, Reading, stopping, tell};
 
 /// Jobs that may run or wait for a thread at the same time.
@@ -149,11 +149,12 @@ impl Daemon {
         if self.slot(scene)?.current.is_none() && self.slot(scene)?.loads.is_empty() {
             return Err(no_field(scene));
         }
+        self.note_presence(ticket.client);
         self.supersede_search(ports, scene, "a newer plan request");
         self.supersede_queued(ports, scene, "a newer plan request");
         if let Some(slot) = self.scenes.get_mut(scene) {
             slot.orders.accept(&order);
-            slot.queued = Some(Queued { ticket, order, taken_up: Instant::now(), field_s: 0.0 });
+            slot.queued = Some(Queued { ticket, order, cause: Cause::Request, taken_up: Instant::now(), field_s: 0.0 });
         }
         self.advance(ports, scene);
         Ok(())

@@ -11,7 +11,7 @@ use super::jobs::{BuiltField, Failure, FieldSource, JobId, News, NewsKind, Plann
 use super::ledger::Ticket;
 use super::ports::Ports;
 use super::scene_file::SceneFile;
-use super::scenes::{Current, FieldFigures, LastPlan, Load, Orders, Queued, Search, Slot, Task};
+use super::scenes::{Cause, Current, FieldFigures, LastPlan, Load, Orders, Queued, Search, Slot, Task};
 use super::state::{Daemon, Reading, stopping, tell};
 
 impl Daemon {
@@ -133,6 +133,7 @@ impl Daemon {
                     slot.orders = Orders::default();
                     slot.queued.iter().for_each(|queued| slot.orders.accept(&queued.order));
                     slot.last_plan = None;
+                    slot.remark = None;
                 }
                 let loaded = Loaded { revision, ..loaded(scene, load, figures, field_bytes, field_s) };
                 self.answer(ports, ticket, &Reply::Loaded(loaded), false);
@@ -163,15 +164,15 @@ impl Daemon {
             self.answer(ports, edit.ticket, &Reply::Edited { revision, replan_follows }, replan_follows);
         }
         let (Some(order), Some((last, earlier))) = (order, edits.split_last()) else { return };
-        self.refuse_superseded(ports, scene, earlier.iter().map(|edit| edit.ticket), "a newer edit");
+        self.supersede_replans(ports, scene, earlier.iter().map(|edit| edit.ticket), "a newer edit");
         let queued = self.scenes.get(scene).and_then(|slot| slot.queued.as_ref());
         if queued.is_some_and(|queued| queued.taken_up > last.taken_up) {
-            self.refuse_superseded(ports, scene, [last.ticket], "a newer plan request");
+            self.supersede_replans(ports, scene, [last.ticket], "a newer plan request");
             return;
         }
         self.supersede_queued(ports, scene, "an edit");
         if let Some(slot) = self.scenes.get_mut(scene) {
-            slot.queued = Some(Queued { ticket: last.ticket, order, taken_up: last.taken_up, field_s });
+            slot.queued = Some(Queued { ticket: last.ticket, order, cause: Cause::Edit, taken_up: last.taken_up, field_s });
         }
     }
 
@@ -198,6 +199,9 @@ impl Daemon {
     fn on_planned(&mut self, ports: &Ports, scene: &str, flight: PlannedFlight, search: Search) {
         let epoch = self.next_epoch();
         let Search { ticket, order, .. } = search;
+        if let Some(remark) = &flight.remark {
+            tracing::warn!(scene, epoch, remark, "planned otherwise than ordered");
+        }
         let header = Header {
             instance: self.instance,
             epoch,
@@ -210,6 +214,7 @@ impl Daemon {
         if let Some(slot) = self.scenes.get_mut(scene) {
             slot.orders.prove(order);
             slot.last_plan = Some(LastPlan { header, table: flight.table });
+            slot.remark = flight.remark;
         }
         match sent {
             Ok(()) => self.answer(ports, ticket, &Reply::Planned { epoch }, false),
@@ -227,6 +232,7 @@ impl Daemon {
             Task::Search(search) => {
                 if let Some(slot) = self.scenes.get_mut(scene).filter(|_| refusal.code == RefusalCode::Plan) {
                     slot.orders.take_back(&search.order);
+                    slot.remark = (search.cause == Cause::Edit).then(|| format!("no plan since the edit: {refusal}"));
                 }
                 self.refuse(ports, search.ticket, refusal);
             }

@@ -26,6 +26,16 @@ pub struct Slot {
     pub queued: Option<Queued>,
     pub orders: Orders,
     pub last_plan: Option<LastPlan>,
+    /// What became of the last search, when that is not simply a plan as it was ordered.
+    pub remark: Option<String>,
+}
+
+/// What a search follows from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    Request,
+    /// An edit, after which the scene is planned as it was ordered before.
+    Edit,
 }
 
 /// What an edit is followed by.
@@ -82,12 +92,14 @@ pub struct Search {
     pub assignment: Assignment,
     pub ticket: Ticket,
     pub order: PlanOrder,
+    pub cause: Cause,
 }
 
 /// A search that waits for a field.
 pub struct Queued {
     pub ticket: Ticket,
     pub order: PlanOrder,
+    pub cause: Cause,
     pub taken_up: Instant,
     /// Time that building the field took, s.
     pub field_s: f64,
@@ -127,6 +139,7 @@ impl Slot {
             queued: None,
             orders: Orders::default(),
             last_plan: None,
+            remark: None,
         }
     }
 
@@ -174,16 +187,18 @@ impl Slot {
 
     pub fn status(&self, name: &str) -> SceneStatus {
         let figures = self.current.as_ref().map(|current| current.figures);
+        let revision = self.current.as_ref().map_or(0, |current| current.session.revision());
         SceneStatus {
             name: name.into(),
-            revision: self.current.as_ref().map_or(0, |current| current.session.revision()),
+            revision,
             structures: figures.map_or(0, |figures| figures.structures),
             samples: figures.map_or(0, |figures| figures.samples),
             viewpoints: figures.map_or(0, |figures| figures.viewpoints),
             capturable_percent: figures.map_or(0.0, |figures| figures.capturable_percent),
             field_bytes: self.current.as_ref().map_or(0, |current| current.field_bytes),
             state: self.state(),
-            plan: self.last_plan.as_ref().and_then(LastPlan::summary),
+            plan: self.last_plan.as_ref().and_then(|plan| plan.summary(revision)),
+            remark: self.remark.clone(),
         }
     }
 }
@@ -223,10 +238,12 @@ impl FieldFigures {
 }
 
 impl LastPlan {
-    fn summary(&self) -> Option<PlanSummary> {
+    /// Its figures in a scene that has this revision now.
+    fn summary(&self, scene_revision: u64) -> Option<PlanSummary> {
         let facts = *PlanTable::open(&self.table).ok()?.facts;
         Some(PlanSummary {
             revision: facts.revision,
+            is_stale: facts.revision != scene_revision,
             seed: facts.seed,
             waypoints: facts.metrics.waypoints,
             length_m: facts.metrics.length_m,

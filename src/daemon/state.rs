@@ -1,10 +1,11 @@
 //! All that the daemon knows, and the reactions that are neither requests nor results.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use overfly_wire::service;
 use overfly_wire::{Domain, Refusal, RefusalCode, Reply, SceneStatus};
 use rayon::ThreadPoolBuilder;
 
@@ -16,7 +17,7 @@ use super::edits::Batch;
 use super::jobs::{Assignment, FieldSource, Flight, JobId, News, Workshop};
 use super::ledger::{Ledger, Ticket};
 use super::ports::Ports;
-use super::scenes::{Queued, Search, Slot};
+use super::scenes::{Cause, Queued, Search, Slot};
 use super::wake::Mail;
 use crate::daemon::convert;
 use crate::planner::StopToken;
@@ -43,6 +44,8 @@ pub struct Daemon {
     pub(super) running: usize,
     pub(super) instance: u64,
     pub(super) started: Instant,
+    /// Clients that were there when it was last looked.
+    seen: HashSet<u64>,
     config_path: Option<PathBuf>,
     epoch: u64,
     next_job: u64,
@@ -82,6 +85,7 @@ impl Daemon {
             running: 0,
             instance,
             started: Instant::now(),
+            seen: HashSet::new(),
             config_path,
             epoch: 0,
             next_job: 0,
@@ -112,14 +116,48 @@ impl Daemon {
         ports.ring();
     }
 
-    /// Cleans up after clients that were killed: samples they held would be lost for ever.
-    pub fn on_tick(&self, ports: &Ports) {
+    /// Cleans up after clients that were killed: samples they held would be lost for ever, and what they asked for is not wanted any more.
+    pub fn on_tick(&mut self, ports: &Ports) {
         let cleaned = ports.node.try_cleanup_dead_nodes();
         if cleaned.cleanups > 0 {
             tracing::info!(clients = cleaned.cleanups, "cleaned up after clients that died");
         }
         ports.update();
         self.scenes.values().for_each(|slot| slot.channel.update());
+        self.stop_unwanted();
+    }
+
+    /// Stops searches whose clients are gone; their best plans so far are still published. A plan after an edit is wanted by whoever
+    /// watches the scene. A client that was never seen here may live beyond a network tunnel.
+    fn stop_unwanted(&mut self) {
+        let asked = self.scenes.values().filter_map(|slot| slot.search.as_ref()).any(|search| search.cause == Cause::Request);
+        if !asked {
+            if self.scenes.values().all(|slot| slot.queued.is_none()) {
+                self.seen.clear();
+            }
+            return;
+        }
+        let Some(present) = self.present_clients() else { return };
+        for (scene, slot) in &self.scenes {
+            let Some(search) = slot.search.as_ref().filter(|search| search.cause == Cause::Request) else { continue };
+            let client = search.ticket.client;
+            if self.seen.contains(&client) && !present.contains(&client) && !search.assignment.stop.is_stopped() {
+                tracing::info!(scene, client, "the client that asked for this search is gone: stopping it");
+                search.assignment.stop.stop();
+            }
+        }
+        self.seen.extend(present);
+    }
+
+    /// Looks who is there before a search begins, so that it can be told later whether its client has gone.
+    pub(super) fn note_presence(&mut self, client: u64) {
+        if !self.seen.contains(&client) {
+            self.seen.extend(self.present_clients().unwrap_or_default());
+        }
+    }
+
+    fn present_clients(&self) -> Option<HashSet<u64>> {
+        Some(self.domain.living_nodes()?.into_iter().map(service::short_id).collect())
     }
 
     /// Publishes the status when a scene came, went, or has another revision, state or plan.
@@ -243,11 +281,12 @@ impl Daemon {
             snapshot: current.snapshot.clone(),
             settings: current.session.settings().clone(),
             options: convert::plan_options(&queued.order),
+            cause: queued.cause,
             field_s: queued.field_s,
         };
         self.owners.insert(assignment.job, scene.into());
         self.workshop.plan(assignment.clone(), flight);
-        slot.search = Some(Search { assignment, ticket: queued.ticket, order: queued.order });
+        slot.search = Some(Search { assignment, ticket: queued.ticket, order: queued.order, cause: queued.cause });
     }
 
     /// Ends the search that runs on `scene`, and tells whoever waits for it that `by` took its place.
@@ -255,13 +294,19 @@ impl Daemon {
         let Some(search) = self.scenes.get_mut(scene).and_then(|slot| slot.search.take()) else { return };
         search.assignment.stop.abandon();
         self.owners.remove(&search.assignment.job);
-        self.refuse_superseded(ports, scene, [search.ticket], by);
+        match search.cause {
+            Cause::Request => self.refuse_superseded(ports, scene, [search.ticket], by),
+            Cause::Edit => self.supersede_replans(ports, scene, [search.ticket], by),
+        }
     }
 
     /// Ends the search that waits on `scene`.
     pub(super) fn supersede_queued(&mut self, ports: &Ports, scene: &str, by: &str) {
-        let queued = self.scenes.get_mut(scene).and_then(|slot| slot.queued.take());
-        self.refuse_superseded(ports, scene, queued.map(|queued| queued.ticket), by);
+        let Some(queued) = self.scenes.get_mut(scene).and_then(|slot| slot.queued.take()) else { return };
+        match queued.cause {
+            Cause::Request => self.refuse_superseded(ports, scene, [queued.ticket], by),
+            Cause::Edit => self.supersede_replans(ports, scene, [queued.ticket], by),
+        }
     }
 
     /// Gives up the edits of `scene` that are not made yet.
@@ -284,6 +329,16 @@ impl Daemon {
         for ticket in tickets {
             let message = format!("{by} on the scene {scene:?} took the place of this request; ask again if it is still wanted");
             self.refuse(ports, ticket, Refusal::new(RefusalCode::Superseded, message));
+        }
+    }
+
+    /// Tells whoever waits for the plan after an edit that it will not come. The edit itself was answered before, and stays made.
+    pub(super) fn supersede_replans(&mut self, ports: &Ports, scene: &str, tickets: impl IntoIterator<Item = Ticket>, by: &str) {
+        for ticket in tickets {
+            let message = format!("the edit is made; {by} on the scene {scene:?} took the place of its replan");
+            tracing::info!(client = ticket.client, correlation = ticket.correlation, message, "replan superseded");
+            let refusal = Refusal::new(RefusalCode::Superseded, message);
+            self.answer(ports, ticket, &Reply::Refused(refusal), false);
         }
     }
 

@@ -231,15 +231,15 @@ impl Client {
         }
         let link = match Link::open(domain) {
             Ok(link) => link,
-            Err(ServiceError::Missing(_)) => return Err(no_daemon()),
-            Err(other) => return Err(other.into()),
+            Err(ClientError::Service(ServiceError::Missing(_))) => return Err(no_daemon()),
+            Err(other) => return Err(other),
         };
         link.attach();
         let patience = end.saturating_duration_since(Instant::now()).max(Duration::from_millis(300));
         match link.call(&Request::Hello, &[], patience, &mut |_| {}) {
             Ok((_, Reply::Welcome { .. })) => Ok(Self { link, kept: RefCell::default() }),
             Ok((_, other)) => Err(unexpected(&other)),
-            Err(ClientError::NoAnswer { .. }) => Err(no_daemon()),
+            Err(ClientError::NoAnswer { .. } | ClientError::Lost { .. }) => Err(no_daemon()),
             Err(other) => Err(other),
         }
     }

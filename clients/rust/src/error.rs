@@ -15,6 +15,8 @@ pub enum ClientError {
     Refused { code: RefusalCode, message: String },
     #[error("the daemon of the domain {domain:?} gave no answer for {seconds:.1} s while {what}; its log says more")]
     NoAnswer { domain: String, what: &'static str, seconds: f64 },
+    #[error("the daemon of the domain {domain:?} has ended; start it again with `overfly serve --domain {domain}`")]
+    Lost { domain: String },
     #[error("{what} did not come within {seconds:.1} s; wait longer, or see `overfly status`")]
     Timeout { what: String, seconds: f64 },
     #[error("the daemon of the domain {domain:?} was restarted and has lost its scenes; load them again")]

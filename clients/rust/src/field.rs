@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use overfly_table::FieldTable;
+use overfly_wire::memory;
 use overfly_wire::service::{self, BlockSample, BlockSubscriber, LOOK_AGAIN};
 use overfly_wire::{Header, Kind, WireBlock};
 
@@ -22,6 +23,7 @@ impl FieldMap {
     /// Waits for a table of the daemon `link` talks to (any, before it has answered) that is at least as new as `epoch`.
     pub(crate) fn open(link: &Link, scene: &str, epoch: u64, end: Instant) -> Result<Self, ClientError> {
         let started = Instant::now();
+        memory::check_room(0)?;
         let subscriber = service::field_subscriber(&service::open_field(link.presence.node(), scene)?)?;
         link.attach();
         let mut attached = started;

@@ -11,7 +11,7 @@ use overfly_wire::frame::{self, Limits};
 use overfly_wire::memory;
 use overfly_wire::service::{
     self, Bell, BlockPublisher, BlockService, BlockSubscriber, Channel, EVENT_ATTACH, EVENT_REQUEST, EventListener,
-    EventNotifier, IpcNode, LOOK_AGAIN, Memory, ServiceError,
+    EventNotifier, IpcNode, LOOK_AGAIN, Memory,
 };
 use overfly_wire::{Domain, Header, Kind, ProgressNote, RefusalCode, Reply, Request, WireBlock};
 
@@ -26,6 +26,44 @@ const REMIND: Duration = Duration::from_millis(500);
 /// A daemon that does not even acknowledge reminders for so long is gone or stuck.
 const SILENCE: Duration = Duration::from_secs(20);
 
+/// Room in /dev/shm for the node and the ports of one client, bytes.
+const PORTS_BYTES: usize = 1 << 20;
+
+/// How often somebody who waits looks whether the daemon is still there.
+const LOOK_FOR_DAEMON: Duration = Duration::from_millis(500);
+
+/// Looks whether the daemon that was there is still there.
+pub(crate) struct Watchman {
+    domain: Domain,
+    /// The domain's lock was held once. It never is where only a network tunnel serves the domain.
+    was_locked: Cell<bool>,
+    looked: Cell<Instant>,
+}
+
+impl Watchman {
+    pub(crate) fn new(domain: &Domain) -> Self {
+        Self { domain: domain.clone(), was_locked: Cell::new(domain.is_locked()), looked: Cell::new(Instant::now()) }
+    }
+
+    /// Whether nobody holds the lock any more. Looks only every so often, so that it may be asked at every turn of a loop. What the
+    /// daemon has sent before it ended can still be received.
+    pub(crate) fn finds_daemon_gone(&self) -> bool {
+        if self.looked.get().elapsed() < LOOK_FOR_DAEMON {
+            return false;
+        }
+        self.looked.set(Instant::now());
+        if self.domain.is_locked() {
+            self.was_locked.set(true);
+            return false;
+        }
+        self.was_locked.get()
+    }
+
+    pub(crate) fn lost(&self) -> ClientError {
+        ClientError::Lost { domain: self.domain.name().into() }
+    }
+}
+
 /// A node in the domain. The last one to leave a domain without a daemon tidies up.
 pub(crate) struct Presence {
     domain: Domain,
@@ -33,7 +71,9 @@ pub(crate) struct Presence {
 }
 
 impl Presence {
-    pub(crate) fn enter(domain: &Domain) -> Result<Arc<Self>, ServiceError> {
+    pub(crate) fn enter(domain: &Domain) -> Result<Arc<Self>, ClientError> {
+        // iceoryx2 writes to the memory of new nodes and ports by itself, which would kill the process where there is none.
+        memory::check_room(PORTS_BYTES)?;
         Ok(Arc::new(Self { domain: domain.clone(), node: Some(service::node(domain, "overfly-client")?) }))
     }
 
@@ -63,6 +103,7 @@ pub(crate) struct Link {
     pub(crate) instance: Cell<u64>,
     next_correlation: Cell<u64>,
     pub(crate) domain: Domain,
+    watchman: Watchman,
     pub(crate) presence: Arc<Presence>,
 }
 
@@ -83,7 +124,7 @@ pub(crate) struct Exchange<'a> {
 
 impl Link {
     /// Opens the ports; [`ServiceError::Missing`] says that there is no daemon.
-    pub(crate) fn open(domain: &Domain) -> Result<Self, ServiceError> {
+    pub(crate) fn open(domain: &Domain) -> Result<Self, ClientError> {
         let presence = Presence::enter(domain)?;
         let node = presence.node();
         let request_service = service::open(node, Channel::Requests)?;
@@ -92,9 +133,8 @@ impl Link {
         let plans = service::subscriber(&service::open(node, Channel::Plans)?)?;
         let news = service::listener(&service::open_bell(node, Bell::Clients)?)?;
         let ring = service::notifier(&service::open_bell(node, Bell::Daemon)?)?;
-        let unique = node.id().value();
-        let id = ((unique >> 64) as u64 ^ unique as u64).max(1);
-        let domain = domain.clone();
+        let id = service::short_id(node.id().value());
+        let (domain, watchman) = (domain.clone(), Watchman::new(domain));
         Ok(Self {
             requests,
             request_service,
@@ -106,6 +146,7 @@ impl Link {
             instance: Cell::new(0),
             next_correlation: Cell::new(1),
             domain,
+            watchman,
             presence,
         })
     }
@@ -163,8 +204,12 @@ impl Link {
             return self.hear(exchange, reply).map(Some);
         }
         let _ = self.wait_for_news(wait);
+        let is_gone = self.watchman.finds_daemon_gone();
         if let Some(reply) = self.reply_to(exchange)? {
             return self.hear(exchange, reply).map(Some);
+        }
+        if is_gone {
+            return Err(self.watchman.lost());
         }
         let now = Instant::now();
         let silent = now - exchange.heard;
@@ -236,6 +281,7 @@ impl Link {
             bulk_bytes: bulk.len() as u64,
             ..Header::new(Kind::Request)
         };
+        memory::check_room(std::mem::size_of::<WireBlock>() * frame::blocks(body.len(), bulk.len()))?;
         let mut sample = match carrier.unwrap_or(&self.requests).loan_slice_uninit(frame::blocks(body.len(), bulk.len())) {
             Ok(sample) => sample,
             // The daemon has not yet given earlier messages back: it will be reminded.

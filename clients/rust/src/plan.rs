@@ -9,7 +9,7 @@ use overfly_wire::service::{self, Bell, BlockSample, BlockSubscriber, Channel, E
 use overfly_wire::{Domain, Header, Kind, SCHEMA, WireBlock};
 
 use crate::error::ClientError;
-use crate::link::Presence;
+use crate::link::{Presence, Watchman};
 
 /// A plan that was received: a copy, so that it may be kept as long as you like.
 #[derive(Clone, Debug)]
@@ -61,6 +61,7 @@ pub struct PlanWatch {
     plans: BlockSubscriber,
     news: EventListener,
     scene: String,
+    watchman: Watchman,
     _presence: Arc<Presence>,
 }
 
@@ -70,18 +71,22 @@ impl PlanWatch {
         let node = presence.node();
         let plans = service::subscriber(&service::open(node, Channel::Plans)?)?;
         let news = service::listener(&service::open_bell(node, Bell::Clients)?)?;
-        Ok(Self { plans, news, scene: scene.into(), _presence: presence })
+        Ok(Self { plans, news, scene: scene.into(), watchman: Watchman::new(domain), _presence: presence })
     }
 
     /// The next plan; `None` when none comes within `timeout`. Plans that cannot be read are errors and are skipped by the next call.
     pub fn next(&self, timeout: Duration) -> Result<Option<PlanMessage>, ClientError> {
         let end = Instant::now() + timeout;
         loop {
+            let is_gone = self.watchman.finds_daemon_gone();
             while let Some(sample) = self.plans.receive().map_err(|error| ClientError::Receive(format!("{error:?}")))? {
                 let plan = PlanMessage::copy(&sample)?;
                 if plan.scene() == self.scene {
                     return Ok(Some(plan));
                 }
+            }
+            if is_gone {
+                return Err(self.watchman.lost());
             }
             let left = end.saturating_duration_since(Instant::now());
             if left.is_zero() {

@@ -157,6 +157,21 @@ impl Domain {
         flock(&file, FlockOperation::NonBlockingLockShared) == Err(rustix::io::Errno::WOULDBLOCK)
     }
 
+    /// The ids of the nodes that live in the domain on this machine; `None` when that cannot be told. Clients behind a network tunnel
+    /// have none here.
+    pub fn living_nodes(&self) -> Option<Vec<u128>> {
+        let mut living = Vec::new();
+        let listed = Node::<Ipc>::list(&self.config().ok()?, |state| {
+            match &state {
+                NodeState::Dead(_) => {}
+                NodeState::Alive(view) => living.push(view.id().value()),
+                NodeState::Inaccessible(id) | NodeState::Undefined(id) => living.push(id.value()),
+            }
+            CallbackProgression::Continue
+        });
+        listed.is_ok().then_some(living)
+    }
+
     /// Removes what is left of the domain when neither a daemon nor a client lives in it. The last one to leave calls this.
     pub fn sweep_if_deserted(&self) {
         if !self.root.is_dir() {

@@ -278,6 +278,8 @@ pub struct SceneStatus {
     pub state: SceneState,
     /// The last plan that was published for it.
     pub plan: Option<PlanSummary>,
+    /// What is to be known of the last plan or of the attempt to make a newer one.
+    pub remark: Option<String>,
 }
 
 /// What goes on with a scene.
@@ -293,6 +295,8 @@ pub enum SceneState {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanSummary {
     pub revision: u64,
+    /// The scene has another revision by now, so that the plan may lead through something: do not fly it.
+    pub is_stale: bool,
     pub seed: u64,
     pub waypoints: u64,
     pub length_m: f64,

@@ -159,6 +159,11 @@ pub fn node(domain: &Domain, name: &str) -> Result<IpcNode, ServiceError> {
         .map_err(|error: NodeCreationFailure| failed(error.to_string()))
 }
 
+/// How messages name the client or daemon whose node this is; never 0.
+pub fn short_id(node: u128) -> u64 {
+    ((node >> 64) as u64 ^ node as u64).max(1)
+}
+
 /// Creates `channel`, or opens it when an earlier daemon of the domain left it to clients that are still there.
 pub fn provide(node: &IpcNode, channel: Channel) -> Result<BlockService, ServiceError> {
     provide_blocks(node, channel.name(), &channel.capacity())

@@ -281,7 +281,7 @@ impl Link {
             bulk_bytes: bulk.len() as u64,
             ..Header::new(Kind::Request)
         };
-        memory::check_room(std::mem::size_of::<WireBlock>() * frame::blocks(body.len(), bulk.len()))?;
+        memory::check_message_room(std::mem::size_of::<WireBlock>() * frame::blocks(body.len(), bulk.len()))?;
         let mut sample = match carrier.unwrap_or(&self.requests).loan_slice_uninit(frame::blocks(body.len(), bulk.len())) {
             Ok(sample) => sample,
             // The daemon has not yet given earlier messages back: it will be reminded.

@@ -20,11 +20,21 @@ pub enum MemoryError {
 /// Memory that must stay free for what iceoryx2 writes by itself, bytes.
 const MARGIN_BYTES: u64 = 1 << 20;
 
-/// Checks that /dev/shm has room for `bytes` and a little more. It may be gone a moment later; [`populate`] is what makes sure.
+/// Checks that /dev/shm has room for `bytes` and a little more, before ports or tables are made. It may be gone a moment later;
+/// [`populate`] is what makes sure.
 pub fn check_room(bytes: usize) -> Result<(), MemoryError> {
+    check_free(bytes, MARGIN_BYTES)
+}
+
+/// As [`check_room`], for a message of ports that are there already: iceoryx2 needs nothing beside it.
+pub fn check_message_room(bytes: usize) -> Result<(), MemoryError> {
+    check_free(bytes, 0)
+}
+
+fn check_free(bytes: usize, margin_bytes: u64) -> Result<(), MemoryError> {
     let Ok(state) = rustix::fs::statvfs("/dev/shm") else { return Ok(()) };
     let free = state.f_bavail.saturating_mul(state.f_frsize);
-    if free >= (bytes as u64).saturating_add(MARGIN_BYTES) {
+    if free >= (bytes as u64).saturating_add(margin_bytes) {
         return Ok(());
     }
     Err(MemoryError::Full { bytes, cause: rustix::io::Errno::NOSPC })

@@ -4,10 +4,11 @@ mod support;
 
 use std::sync::Arc;
 
+use geo::polygon;
 use nalgebra::{Point3, Vector3};
 use overfly::coverage::{DiskModel, SampleFrame};
 use overfly::scene::edit::Edit;
-use overfly::scene::{Scene, StructureId, Triangle};
+use overfly::scene::{Scene, Shape, Structure, StructureId, Triangle};
 use overfly_table::FieldTable;
 use proptest::prelude::*;
 use support::{crosses, session, small_block, small_settings, snapshot};
@@ -62,6 +63,41 @@ fn samples_lie_on_their_structures_and_their_areas_add_up() {
     }
     let exposed = field.samples.iter().filter(|sample| sample.exposed == 1).count() as f64;
     assert!((exposed / f64::from(settings.surface.samples) - 1.0).abs() < 0.1, "{exposed} exposed samples");
+}
+
+/// Two prisms that overlap, and a mesh of the first one's form that stands 6 m deep in the ground.
+fn overlapping() -> Scene {
+    let prism = |name: &str, x: f64, top_m: f64| {
+        let ring = polygon![(x: x, y: 0.0), (x: x + 20.0, y: 0.0), (x: x + 20.0, y: 20.0), (x: x, y: 20.0)];
+        let shape = Shape::Prism { footprint: ring.into(), base_m: 0.0, top_m };
+        Structure { id: StructureId::of_name(name), name: name.into(), shape }
+    };
+    let mut sunken = prism("sunken", 70.0, 20.0);
+    let down = Vector3::new(0.0, 0.0, -6.0);
+    sunken.shape = Shape::Mesh { triangles: sunken.triangles().into_iter().map(|t| t.map(|p| p + down)).collect() };
+    let mut structures: Vec<_> = [prism("low", 0.0, 12.0), prism("high", 12.0, 30.0), sunken].map(Arc::new).into();
+    structures.sort_by_key(|structure| structure.id);
+    Scene { name: "overlapping".into(), frame: Default::default(), structures, zones: vec![] }
+}
+
+#[test]
+fn samples_in_a_neighbour_or_in_the_ground_are_not_exposed_and_nobody_sees_them() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(overlapping(), &settings));
+    let field = snapshot.field();
+    let mut buried = [0, 0];
+    for (i, row) in field.samples.iter().enumerate() {
+        let in_front = Point3::from(row.position_m) + Vector3::from(row.normal) * settings.surface.exposure_offset_m;
+        let others = snapshot.scene.structures.iter().enumerate().filter(|(index, _)| *index != row.structure as usize);
+        let in_neighbour = others.into_iter().any(|(_, other)| other.contains(&in_front));
+        let in_ground = in_front.z <= 0.0;
+        assert_eq!(row.exposed == 1, !in_neighbour && !in_ground, "sample {i} at {:?}", row.position_m);
+        if row.exposed == 0 {
+            assert!((0..field.viewpoints.len()).all(|j| !bit(&field, j, i)) && field.ceilings[i] == 0, "sample {i} is seen");
+            buried[usize::from(in_ground)] += 1;
+        }
+    }
+    assert!(buried.iter().all(|&count| count > 2), "both kinds occur: {buried:?}");
 }
 
 fn edits(scene: &Scene) -> impl Strategy<Value = Vec<Edit>> + use<> {

@@ -219,14 +219,8 @@ impl Current {
 
 impl FieldFigures {
     pub fn of(table: &FieldTable<'_>) -> Self {
-        let threshold = table.facts.threshold_cells;
         let exposed = table.samples.iter().filter(|sample| sample.exposed != 0).count();
-        let capturable = table
-            .samples
-            .iter()
-            .zip(table.ceilings)
-            .filter(|(sample, ceiling)| sample.exposed != 0 && u32::from(**ceiling) > threshold)
-            .count();
+        let capturable = (0..table.samples.len()).filter(|&i| table.is_capturable(i)).count();
         Self {
             structures: table.structures.len() as u64,
             samples: table.samples.len() as u64,

@@ -253,17 +253,13 @@ fn roof_middle(sheet: &Sheet, field: &FieldTable, index: usize, structure: &Stru
 
 /// Exposed samples that no admissible view captures, thinned out where they would merge; those of walls stand a little outside of it.
 fn beyond_reach(sheet: &Sheet, field: &FieldTable) -> Path {
-    let threshold = field.facts.threshold_cells;
     let offset = wall_width(sheet) / 2.0 + 2.6 * sheet.mark_scale();
-    let places = field
-        .samples
-        .iter()
-        .zip(field.ceilings)
-        .filter(|(sample, ceiling)| sample.exposed == 1 && u32::from(**ceiling) <= threshold)
-        .map(|(sample, _)| {
+    let places = field.samples.iter().enumerate().filter(|&(i, sample)| sample.exposed == 1 && !field.is_capturable(i)).map(
+        |(_, sample)| {
             let [x, y] = sheet.seen_from_above(sample.position_m[0], sample.position_m[1]);
             [x + sample.normal[0] * offset, y - sample.normal[1] * offset]
-        });
+        },
+    );
     let places = thin::apart(places, [], BEYOND_REACH_GAP);
     pen::dots(places, (2.4 * sheet.mark_scale()).max(1.4), colour::BEYOND_REACH).set("id", "beyond-reach")
 }

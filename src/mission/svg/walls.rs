@@ -59,7 +59,7 @@ pub fn tally(field: &FieldTable, cells: &[u16]) -> Vec<StructureTally> {
     let threshold = field.facts.threshold_cells;
     for (index, sample) in field.samples.iter().enumerate().filter(|(_, sample)| sample.exposed == 1) {
         let is_captured = u32::from(cells[index]) > threshold;
-        let is_capturable = u32::from(field.ceilings[index]) > threshold;
+        let is_capturable = field.is_capturable(index);
         let structure = &field.structures[sample.structure as usize];
         let tally = &mut tallies[sample.structure as usize];
         face(field, structure, sample, tally).count(is_capturable, is_captured);

@@ -1,18 +1,19 @@
 //! The whole pipeline on one screen.
 
-use nalgebra::Point3;
-use overfly_table::field::ViewpointRow;
+use nalgebra::{Point3, Unit, Vector3};
 
 use crate::camera::{Pose, Rig};
 use crate::field::Snapshot;
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
-use crate::search::{Problem, SearchError, search};
+use crate::search::{Iteration, Problem, SearchError, StopReason, search};
 use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::trajectory::evaluate::{self, Capture};
-use crate::trajectory::images::{self, FlightSums};
-use crate::trajectory::plan::{Metrics, Plan, SceneStamp, Waypoint};
+use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, Waypoint};
+use crate::trajectory::profile::Profile;
+use crate::trajectory::route::Route;
 use crate::trajectory::safety::{self, UnsafeCurve};
+use crate::trajectory::{images, select};
 
 pub use crate::search::Progress;
 pub use crate::stop::StopToken;
@@ -20,45 +21,87 @@ pub use crate::stop::StopToken;
 /// What a user asks for beyond the settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanOptions {
-    /// Name of a rig preset: `panoramic`.
-    pub rig: String,
-    /// Name of a planning method: `paper`.
-    pub method: String,
+    pub rig: Rig,
+    pub method: Method,
     pub seed: u64,
     /// Iterations K; `None` takes the setting.
     pub iterations: Option<u32>,
     /// Where the flight starts, m in the local frame; `None` chooses a start.
     pub start_m: Option<Point3<f64>>,
+    /// Where a camera on a gimbal looks at the start; `None` chooses the direction.
+    pub start_view: Option<Unit<Vector3<f64>>>,
+}
+
+impl PlanOptions {
+    /// A plan with everything else left to the planner.
+    pub fn new(rig: Rig, method: Method, seed: u64) -> Self {
+        Self { rig, method, seed, iterations: None, start_m: None, start_view: None }
+    }
+}
+
+/// A way to plan a flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Algorithms 2 to 5 of the paper.
+    Paper,
+}
+
+impl Method {
+    /// All methods, in the order in which they are listed.
+    pub const ALL: [Self; 1] = [Self::Paper];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+        }
+    }
+
+    /// The method called `name`.
+    pub fn parse(name: &str) -> Result<Self, PlanError> {
+        Self::ALL.into_iter().find(|method| method.name() == name).ok_or_else(|| PlanError::UnknownMethod(name.to_owned()))
+    }
+
+    fn names() -> String {
+        Self::ALL.map(Self::name).join(", ")
+    }
+}
+
+/// What a planning method found: always its best, never an error because it was stopped.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    pub route: Route,
+    /// The best path after each iteration; empty for methods that do not iterate.
+    pub convergence: Vec<Iteration>,
+    pub stop: StopReason,
 }
 
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    #[error("there is no rig {0:?}; known rigs: {known}", known = Rig::PRESETS.join(", "))]
-    UnknownRig(String),
-    #[error("there is no planning method {0:?}; known methods: {known}", known = METHODS.join(", "))]
+    #[error("there is no planning method {0:?}; known methods: {known}", known = Method::names())]
     UnknownMethod(String),
     #[error(
         "the flight cannot start at ({position}): {cause}; give another start in metres of the scene's frame, or none to have one chosen"
     )]
     Start { position: String, cause: Obstruction },
+    #[error(
+        "the gimbal of {rig:?} cannot look to pitch {pitch_deg:.1} degrees at the start; give a view within its range, or none"
+    )]
+    StartView { rig: String, pitch_deg: f64 },
     #[error("{iterations} iterations were asked for; the most is {most}", most = MOST_ITERATIONS)]
     Iterations { iterations: u32 },
     #[error(
-        "no sample of the scene can be captured: no admissible view comes within {range_m} m and sees enough of it; raise \
-         `flight.legal_ceiling_m` ({ceiling_m} m) or `coverage.range_m`"
+        "no sample of the scene can be captured: no admissible view of {rig:?} comes within {range_m} m and sees enough of it; raise \
+         `flight.legal_ceiling_m` ({ceiling_m} m) or `coverage.range_m`, or take a rig with a wider view"
     )]
-    NothingCapturable { range_m: f64, ceiling_m: f64 },
+    NothingCapturable { rig: String, range_m: f64, ceiling_m: f64 },
     #[error("the computation was abandoned")]
     Abandoned,
     #[error(transparent)]
     Search(#[from] SearchError),
-    #[error("the search's path failed the final safety check and is withheld: {0}; this is a defect of the planner")]
+    #[error("the path failed the final safety check and is withheld: {0}; this is a defect of the planner")]
     Unsafe(#[from] UnsafeCurve),
 }
-
-/// Names of the planning methods.
-pub const METHODS: [&str; 1] = ["paper"];
 
 /// Plans one flight on a snapshot. A stop of the token ends the search with the best plan so far; only when the token is abandoned
 /// there is none.
@@ -69,90 +112,126 @@ pub fn plan(
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Plan, PlanError> {
-    let rig = Rig::preset(&options.rig).ok_or_else(|| PlanError::UnknownRig(options.rig.clone()))?;
-    if !METHODS.contains(&options.method.as_str()) {
-        return Err(PlanError::UnknownMethod(options.method.clone()));
-    }
-    let problem = Problem::new(snapshot, settings, rig);
+    let rig = &options.rig;
+    let problem = Problem::new(snapshot, settings, rig.clone());
     if problem.capturable == 0 {
         let (range_m, ceiling_m) = (settings.coverage.range_m, settings.flight.legal_ceiling_m);
-        return Err(PlanError::NothingCapturable { range_m, ceiling_m });
+        return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
     }
-    let start = start_pose(&problem, options.start_m, stop)?;
+    let Found { route, convergence, stop: reason } = match options.method {
+        Method::Paper => tree_search(snapshot, settings, &problem, options, stop, on_progress)?,
+    };
+
+    let profile = Profile::new(&route.waypoints, rig, &settings.flight, &settings.dynamics);
+    let mut images = images::expose(&route, rig, &profile);
+    let sightings = evaluate::sightings(snapshot, &images, stop).ok_or(PlanError::Abandoned)?;
+    let capture = sightings.capture(&problem, |_| true);
+    // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
+    let at_start = sightings.capture(&problem, |image| image < rig.camera_count() as u32);
+    let selected = select::select(&problem, &sightings, images.len());
+    images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
+    let curve: Vec<_> = route.waypoints.iter().map(|pose| pose.position).collect();
+    let clearance_m = safety::check(&curve, &snapshot.free)?;
+    safety::check_views(rig, &images)?;
+
+    Ok(Plan {
+        scene: SceneStamp { name: snapshot.scene.name.clone(), origin: snapshot.scene.frame.origin, revision: snapshot.revision },
+        seed: options.seed,
+        rig: rig.name.clone(),
+        method: options.method.name().to_owned(),
+        cameras: Camera::all_of(rig),
+        metrics: metrics(&problem, settings, &route, &profile, &capture, &at_start),
+        waypoints: route.waypoints.iter().map(|pose| Waypoint { position_m: pose.position, direction: pose.direction }).collect(),
+        images,
+        cells: capture.cells,
+        ceilings: problem.ceilings,
+        goal_percent: settings.coverage.goal_percent,
+        clearance_m,
+        convergence,
+        stop: reason,
+    })
+}
+
+/// The paper's own method: a random tree, and the best path in it.
+fn tree_search(
+    snapshot: &Snapshot,
+    settings: &Settings,
+    problem: &Problem,
+    options: &PlanOptions,
+    stop: &StopToken,
+    on_progress: &mut dyn FnMut(&Progress),
+) -> Result<Found, PlanError> {
+    let start = start_pose(problem, options, stop)?;
     let iterations = options.iterations.unwrap_or(settings.search.iterations);
     if iterations > MOST_ITERATIONS {
         return Err(PlanError::Iterations { iterations });
     }
-
-    let speed_mps = settings.flight.cruise_speed_mps;
+    let route = |path: &[Pose]| Route::continuous(path, &problem.rig, problem.image_spacing_m);
     let confirm = |path: &[Pose]| {
-        let (images, _) = images::place(path, &problem, speed_mps);
-        evaluate::capture(snapshot, &problem.rig, &images, stop).map_or(0, |capture| capture.captured)
+        let profile = Profile::new(path, &problem.rig, &settings.flight, &settings.dynamics);
+        let images = images::expose(&route(path), &problem.rig, &profile);
+        evaluate::sightings(snapshot, &images, stop).map_or(0, |sightings| sightings.capture(problem, |_| true).captured)
     };
-    let outcome = search(&problem, start, iterations, options.seed, stop, &confirm, on_progress)?;
-    let (images, sums) = images::place(&outcome.path, &problem, speed_mps);
-    let capture = evaluate::capture(snapshot, &problem.rig, &images, stop).ok_or(PlanError::Abandoned)?;
-    let curve: Vec<_> = outcome.path.iter().map(|pose| pose.position).collect();
-    // Eq. 6 sums from k = 2: what the view at the start sees belongs to no leg.
-    let at_start =
-        evaluate::capture(snapshot, &problem.rig, &images[..problem.rig.cameras().len()], stop).ok_or(PlanError::Abandoned)?;
-    let clearance_m = safety::check(&curve, &snapshot.free)?;
-
-    let waypoints = outcome.path.iter().map(|pose| Waypoint { position_m: pose.position, direction: pose.direction }).collect();
-    Ok(Plan {
-        scene: SceneStamp { name: snapshot.scene.name.clone(), origin: snapshot.scene.frame.origin, revision: snapshot.revision },
-        seed: options.seed,
-        rig: options.rig.clone(),
-        method: options.method.clone(),
-        cameras: problem.rig.cameras(),
-        metrics: metrics(&problem, settings, &sums, &capture, &at_start),
-        waypoints,
-        images,
-        cells: capture.cells,
-        goal_percent: settings.coverage.goal_percent,
-        clearance_m,
-        convergence: outcome.convergence,
-        stop: outcome.stop,
-    })
+    let outcome = search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?;
+    Ok(Found { route: route(&outcome.path), convergence: outcome.convergence, stop: outcome.stop })
 }
 
-/// The given start if it is safe; else the viewpoint that alone captures the most information, so that the tree begins where there
-/// is something to see.
-fn start_pose(problem: &Problem, given_m: Option<Point3<f64>>, stop: &StopToken) -> Result<Pose, PlanError> {
-    if let Some(position) = given_m {
-        return match problem.free.obstruction_at(&position) {
-            None => Ok(Pose { position, direction: None }),
-            Some(cause) => {
-                let position = format!("{}, {}, {}", position.x, position.y, position.z);
-                Err(PlanError::Start { position, cause })
-            }
-        };
+/// The given start if it is safe, else the viewpoint; the given view, else the direction: whatever alone captures the most information,
+/// so that the tree begins where there is something to see.
+fn start_pose(problem: &Problem, options: &PlanOptions, stop: &StopToken) -> Result<Pose, PlanError> {
+    if let Some(position) = options.start_m
+        && let Some(cause) = problem.free.obstruction_at(&position)
+    {
+        let position = format!("{}, {}, {}", position.x, position.y, position.z);
+        return Err(PlanError::Start { position, cause });
     }
-    let pose = |row: &ViewpointRow| Pose { position: row.position_m.into(), direction: None };
+    let given = options.start_view.filter(|_| problem.rig.has_gimbal());
+    if let Some(view) = given
+        && !problem.rig.reaches(&view)
+    {
+        let pitch_deg = crate::camera::pitch_rad(&view).to_degrees();
+        return Err(PlanError::StartView { rig: problem.rig.name.clone(), pitch_deg });
+    }
+    let positions = match options.start_m {
+        Some(position) => vec![position],
+        None => problem.field.viewpoints.iter().map(|row| row.position_m.into()).collect(),
+    };
+    let directions = given.map_or_else(|| problem.rig.pose_directions(), |view| vec![Some(view)]);
     let mut scratch = problem.scratch();
     let nothing = vec![0; problem.field.samples.len()];
-    let mut best = (pose(&problem.field.viewpoints[0]), 0);
-    for pose in problem.field.viewpoints.iter().map(pose) {
+    let mut best = (Pose { position: positions[0], direction: directions[0] }, 0);
+    for position in positions {
         if stop.is_abandoned() {
             return Err(PlanError::Abandoned);
         }
-        let gain = problem.gain(&nothing, &problem.observe_pose(&pose, &mut scratch));
-        if gain > best.1 {
-            best = (pose, gain);
+        for &direction in &directions {
+            let pose = Pose { position, direction };
+            let gain = problem.gain(&nothing, &problem.observe_pose(&pose, &mut scratch));
+            if gain > best.1 {
+                best = (pose, gain);
+            }
         }
     }
     Ok(best.0)
 }
 
-fn metrics(problem: &Problem, settings: &Settings, sums: &FlightSums, capture: &Capture, at_start: &Capture) -> Metrics {
-    let movement_s = sums.length_m / settings.flight.cruise_speed_mps;
-    let path =
-        PathSums { information: capture.information - at_start.information, length_m: sums.length_m, turning_s: sums.turning_s };
+fn metrics(
+    problem: &Problem,
+    settings: &Settings,
+    route: &Route,
+    profile: &Profile,
+    capture: &Capture,
+    at_start: &Capture,
+) -> Metrics {
+    let path = PathSums { information: capture.information - at_start.information, ..problem.objective.travel(&route.waypoints) };
+    let movement_s = path.length_m / settings.flight.cruise_speed_mps;
     Metrics {
-        length_m: sums.length_m,
+        length_m: path.length_m,
         movement_s,
-        turning_s: sums.turning_s,
-        flight_s: movement_s + sums.turning_s,
+        turning_s: path.turning_s,
+        flight_s: movement_s + path.turning_s,
+        profile_s: profile.duration_s(),
+        battery_percent: problem.rig.battery.map(|battery| battery.percent(movement_s, path.turning_s)),
         coverage_percent: capture.coverage_percent,
         coverage_exposed_percent: capture.coverage_exposed_percent,
         capturable_percent: capture.capturable_percent,

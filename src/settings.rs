@@ -19,6 +19,7 @@ pub struct Settings {
     pub proxy: ProxySettings,
     pub surface: SurfaceSettings,
     pub flight: FlightSettings,
+    pub dynamics: DynamicsSettings,
     pub field: FieldSettings,
     pub coverage: CoverageSettings,
     pub objective: ObjectiveSettings,
@@ -69,6 +70,22 @@ pub struct FlightSettings {
     pub lateral_margin_m: f64,
     /// Zones beside those that the scene file brings.
     pub no_fly: Vec<NoFlySetting>,
+}
+
+/// Limits of the speed profile: the same for every method and rig.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DynamicsSettings {
+    /// Along the path, m/s^2.
+    pub acceleration_mps2: f64,
+    /// Across the path in corners, m/s^2.
+    pub lateral_mps2: f64,
+    /// How far a corner's arc may pass from the corner, m.
+    pub corner_deviation_m: f64,
+    /// Of the drone about the vertical, degrees a second.
+    pub yaw_rate_dps: f64,
+    /// Of the gimbal in pitch, degrees a second.
+    pub gimbal_rate_dps: f64,
 }
 
 /// A no-fly zone of the configuration. It holds for every scene, so it is usually given in degrees.
@@ -158,11 +175,12 @@ pub struct SearchSettings {
     pub neighbour_max_m: f64,
     /// The nearest so many neighbours are looked at.
     pub neighbours_most: u32,
-    /// Least distance of two images along an edge, m, and least time between them, s.
+    /// Least distance of two images along an edge, m; the rig's shutter may need more.
     pub image_spacing_m: f64,
     /// The masks of one search's tree may take this much, MB.
     pub memory_mb: u32,
-    pub shutter_interval_s: f64,
+    /// Most that the view of a camera on a gimbal turns on one leg, degrees; blur may allow less (section 5.4).
+    pub view_turn_deg: f64,
 }
 
 /// The resident daemon.

@@ -5,7 +5,7 @@ mod block;
 use nalgebra::{Unit, Vector3};
 use overfly::mission::run_json::{Engine, Machine, Run};
 use overfly::mission::{plan_json, run_json};
-use overfly::trajectory::plan::{Image, Plan, RunTimes};
+use overfly::trajectory::plan::{Camera, Image, Plan, RunTimes};
 use overfly_table::FieldTable;
 use proptest::prelude::*;
 use serde_json::Value;
@@ -38,6 +38,9 @@ fn the_keys_stand_in_the_documented_order() {
         "movement_s",
         "turning_s",
         "flight_s",
+        "profile_s",
+        "images",
+        "selected_images",
         "coverage_percent",
         "coverage_exposed_percent",
         "capturable_percent",
@@ -63,7 +66,8 @@ fn a_panoramic_plan_has_null_directions_and_no_field_of_view() {
 #[test]
 fn each_camera_of_a_rig_has_a_row_with_its_name_direction_and_field_of_view() {
     let mut plan = plan();
-    plan.cameras = vec!["forward".to_owned(), "nadir".to_owned()];
+    let camera = |name: &str| Camera { name: name.to_owned(), ..plan.cameras[0].clone() };
+    plan.cameras = vec![camera("forward"), camera("nadir")];
     let down =
         Image { direction: Some(-Vector3::z_axis()), up: Vector3::y(), fov_deg: Some([73.7, 53.1]), camera: 1, ..plan.images[0] };
     let forward = Image { direction: Some(Unit::new_normalize(Vector3::new(0.0, 1.0, -1.0))), camera: 0, ..down };

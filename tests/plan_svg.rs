@@ -60,7 +60,7 @@ fn every_wall_and_roof_shows_the_share_of_a_plain_count() {
     let blocks = block::field(&buildings);
     let field = FieldTable::open(&blocks).unwrap();
     let plan = block::plan(&field);
-    let tallies = walls::tally(&field, &plan.cells);
+    let tallies = walls::tally(&field, &plan);
 
     let mut counted = 0;
     for (structure, building) in buildings.iter().enumerate() {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use super::values::{self, Meters2, Meters3, Outline};
+use super::values::{self, Degrees2, Meters2, Meters3, Outline};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -158,8 +158,8 @@ pub struct PlanArgs {
 /// What is to be planned.
 #[derive(Debug, Clone, Args)]
 pub struct OrderArgs {
-    /// Cameras of the drone: `panoramic`
-    #[arg(long, value_name = "PRESET", default_value = "panoramic")]
+    /// Cameras of the drone: panoramic, phantom4-rtk, m300-oblique, mavic3e, or a rig file
+    #[arg(long, value_name = "PRESET|RIG.toml", default_value = "panoramic")]
     pub rig: String,
     /// Planning method: `paper`
     #[arg(long, value_name = "NAME", default_value = "paper")]
@@ -173,6 +173,10 @@ pub struct OrderArgs {
     /// Start of the flight: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub start: Option<Meters3>,
+    /// Where a camera on a gimbal looks at the start: azimuth clockwise from north and pitch up from the horizon, degrees [default: the
+    /// direction that captures most]
+    #[arg(long, value_name = "AZIMUTH,PITCH", allow_hyphen_values = true)]
+    pub look: Option<Degrees2>,
 }
 
 /// How fine the field is.
@@ -317,6 +321,9 @@ pub struct BenchArgs {
     /// Iterations of the tree search [default: the setting search.iterations, 400]
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
+    /// Cameras of the drone in the tree search, as for `plan`
+    #[arg(long, value_name = "PRESET|RIG.toml", default_value = "panoramic")]
+    pub rig: String,
     /// TOML file whose keys replace the built-in values
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,

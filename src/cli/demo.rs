@@ -59,7 +59,7 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     let mut meter = Meter::new(form);
     let source = SceneSource::Bytes { file_name: format!("{}.geojson", scene.name), bytes: geojson.into_bytes() };
     let loaded = client.load(source, None, &mut |note| meter.note(note))?;
-    let order = PlanOrder { rig: "panoramic".into(), method: "paper".into(), seed, iterations: None, start_m: None };
+    let order = PlanOrder { seed, ..Default::default() };
     let message = client.plan(&loaded.scene, &order, &mut |note| meter.note(note))?;
     let (plan, times) = daemon::plan_of(&message)?;
     let flight = daemon::flight(&plan, times, None, load::import_report(&loaded));

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use overfly_client::{ClientError, DomainError, RefusalCode};
 use serde_json::json;
 
+use crate::camera::RigError;
 use crate::daemon::{ConfigurationError, DaemonError};
 use crate::mission::svg::SvgError;
 use crate::planner::PlanError;
@@ -50,6 +51,10 @@ pub enum Failure {
     #[error(transparent)]
     Plan(#[from] PlanError),
     #[error(transparent)]
+    Rig(RigError),
+    #[error("{path:?}: {cause}")]
+    RigFile { path: PathBuf, cause: RigError },
+    #[error(transparent)]
     Drawing(#[from] SvgError),
     #[error("{0}")]
     Daemon(String),
@@ -70,7 +75,8 @@ impl Failure {
             Failure::Read { .. } | Failure::Configuration(_) | Failure::Settings(_) | Failure::Import(_) => Kind::InputFile,
             Failure::Client(error) => client_kind(error),
             Failure::Interrupted => Kind::Interrupted,
-            Failure::Field(_) | Failure::Plan(_) => Kind::NoPlan,
+            Failure::RigFile { .. } => Kind::InputFile,
+            Failure::Field(_) | Failure::Plan(_) | Failure::Rig(_) => Kind::NoPlan,
             Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,
             Failure::Write { .. } | Failure::Print(_) | Failure::Drawing(_) | Failure::Unexpected(_) => Kind::Unexpected,
         }

@@ -10,8 +10,9 @@ use overfly_wire::message::plain_scene_name;
 use super::arguments::OrderArgs;
 use super::failure::Failure;
 use super::progress::Meter;
-use crate::camera::Rig;
-use crate::planner::{self, PlanError, PlanOptions, StopToken};
+use super::rig_file;
+use crate::camera::direction_of;
+use crate::planner::{self, Method, PlanOptions, StopToken};
 use crate::scene::{self, ImportReport, Scene};
 use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
@@ -45,7 +46,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
 pub fn plan_file(
     path: &Path,
     settings: &Arc<Settings>,
-    order: &OrderArgs,
+    options: &PlanOptions,
     stop: &StopToken,
     meter: &mut Meter,
 ) -> Result<Planned, Failure> {
@@ -66,7 +67,7 @@ pub fn plan_file(
     // The search ends with its last word of progress; what follows is the exact evaluation and the safety check.
     let search_started = Instant::now();
     let mut search_ended = search_started;
-    let plan = planner::plan(&snapshot, settings, &options(order), stop, &mut |progress| {
+    let plan = planner::plan(&snapshot, settings, options, stop, &mut |progress| {
         search_ended = Instant::now();
         meter.search(progress);
     })?;
@@ -89,23 +90,11 @@ pub fn build_field(scene: Scene, settings: &Arc<Settings>, stop: &StopToken, met
 }
 
 /// What the command line asks of the planner.
-pub fn options(order: &OrderArgs) -> PlanOptions {
-    PlanOptions {
-        rig: order.rig.clone(),
-        method: order.method.clone(),
-        seed: order.seed,
+pub fn options(order: &OrderArgs) -> Result<PlanOptions, Failure> {
+    Ok(PlanOptions {
         iterations: order.iterations,
         start_m: order.start.map(|start| Point3::from(start.0)),
-    }
-}
-
-/// Refuses a rig or a method that does not exist, before anything is read.
-pub fn check_order(order: &OrderArgs) -> Result<(), Failure> {
-    if Rig::preset(&order.rig).is_none() {
-        return Err(PlanError::UnknownRig(order.rig.clone()).into());
-    }
-    if !planner::METHODS.contains(&order.method.as_str()) {
-        return Err(PlanError::UnknownMethod(order.method.clone()).into());
-    }
-    Ok(())
+        start_view: order.look.map(|look| direction_of(look.0[0], look.0[1])),
+        ..PlanOptions::new(rig_file::rig(&order.rig)?, Method::parse(&order.method)?, order.seed)
+    })
 }

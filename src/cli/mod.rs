@@ -17,6 +17,7 @@ mod outputs;
 mod plan;
 mod private_daemon;
 mod progress;
+mod rig_file;
 mod scene;
 mod serve;
 mod settings_file;

@@ -14,13 +14,17 @@ use super::progress::Meter;
 use super::shortfall::{self, Heights};
 use super::{daemon, import_lines, in_process, settings_file};
 use crate::mission::run_json::Engine;
-use crate::planner::StopToken;
+use crate::planner::{PlanOptions, StopToken};
 use crate::trajectory::plan::StopReason;
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
-    in_process::check_order(&arguments.order)?;
+    let options = in_process::options(&arguments.order)?;
     let scene = &arguments.scene;
-    if Path::new(scene).is_file() || looks_like_path(scene) { plan_file(arguments, form) } else { plan_loaded(arguments, form) }
+    if Path::new(scene).is_file() || looks_like_path(scene) {
+        plan_file(arguments, &options, form)
+    } else {
+        plan_loaded(arguments, form)
+    }
 }
 
 /// A mistyped path must not be looked up among the loaded scenes.
@@ -29,14 +33,14 @@ fn looks_like_path(scene: &str) -> bool {
     scene.contains('/') || [".geojson", ".json", ".obj"].iter().any(|ending| lower.ends_with(ending))
 }
 
-fn plan_file(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
+fn plan_file(arguments: &PlanArgs, options: &PlanOptions, form: Form) -> Result<Answer, Failure> {
     let settings = Arc::new(settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?);
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let mut meter = Meter::new(form);
     let stop = StopToken::default();
     let stopper = stop.clone();
     let interrupts = Interrupts::first(form, move || stopper.stop());
-    let planned = in_process::plan_file(Path::new(&arguments.scene), &settings, &arguments.order, &stop, &mut meter)?;
+    let planned = in_process::plan_file(Path::new(&arguments.scene), &settings, options, &stop, &mut meter)?;
     drop(interrupts);
     let asked = meter.asked();
     drop(meter);
@@ -69,7 +73,7 @@ fn plan_loaded(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
     let mut meter = Meter::new(form);
     let scene = arguments.scene.clone();
     let interrupts = Interrupts::first(form, move || daemon::cancel(domain.as_deref(), &scene));
-    let message = client.plan(&arguments.scene, &daemon::order(&arguments.order), &mut |note| meter.note(note))?;
+    let message = client.plan(&arguments.scene, &daemon::order(&arguments.order)?, &mut |note| meter.note(note))?;
     drop(interrupts);
     let asked = arguments.order.iterations.or(meter.asked());
     drop(meter);
@@ -118,6 +122,7 @@ fn order_json(order: &OrderArgs) -> Value {
         "seed": order.seed,
         "iterations": order.iterations,
         "start_m": order.start.map(|start| start.0),
+        "start_view_deg": order.look.map(|look| look.0),
     })
 }
 

@@ -6,6 +6,10 @@ use std::str::FromStr;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Meters2(pub [f64; 2]);
 
+/// Azimuth and pitch, `AZIMUTH,PITCH`, degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Degrees2(pub [f64; 2]);
+
 /// A position, `X,Y,Z`, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Meters3(pub [f64; 3]);
@@ -26,6 +30,8 @@ pub enum ValueError {
     Number(String),
     #[error("{text:?} will not do; give a whole number from {least} to {most}")]
     WholeNumber { text: String, least: u64, most: u64 },
+    #[error("{0:?} is no direction; give an azimuth from -360 to 360 and a pitch from -90 to 90 degrees")]
+    Direction(String),
     #[error("an outline needs at least three corners, such as \"0,0 8,0 8,8 0,8\"")]
     TooFewCorners,
 }
@@ -35,6 +41,16 @@ impl FromStr for Meters2 {
 
     fn from_str(text: &str) -> Result<Self, ValueError> {
         numbers(text, "12.5,-3").map(Self)
+    }
+}
+
+impl FromStr for Degrees2 {
+    type Err = ValueError;
+
+    fn from_str(text: &str) -> Result<Self, ValueError> {
+        let [azimuth_deg, pitch_deg] = numbers(text, "135,-30")?;
+        let fits = azimuth_deg.abs() <= 360.0 && pitch_deg.abs() <= 90.0;
+        if fits { Ok(Self([azimuth_deg, pitch_deg])) } else { Err(ValueError::Direction(text.to_owned())) }
     }
 }
 

@@ -4,32 +4,31 @@ use geo::{Coord, LineString, Polygon};
 use nalgebra::Point3;
 use overfly_wire::{EditOrder, PlanOrder, Refusal, RefusalCode};
 
-use crate::camera::Rig;
-use crate::planner::{METHODS, PlanError, PlanOptions};
+use crate::camera::{Rig, direction_of};
+use crate::planner::{Method, PlanOptions};
 use crate::scene::edit::{Edit, EditError};
 use crate::scene::{Scene, StructureId};
 
 /// Refuses an order for a rig or method that does not exist, before it costs anybody a search.
 pub fn check_plan(order: &PlanOrder) -> Result<(), Refusal> {
-    let error = if Rig::preset(&order.rig).is_none() {
-        PlanError::UnknownRig(order.rig.clone())
-    } else if !METHODS.contains(&order.method.as_str()) {
-        PlanError::UnknownMethod(order.method.clone())
-    } else {
-        return Ok(());
-    };
-    Err(Refusal::new(RefusalCode::Plan, error.to_string()))
+    plan_options(order).map(|_| ())
 }
 
-/// What the planner is asked for. The order's values have been checked.
-pub fn plan_options(order: &PlanOrder) -> PlanOptions {
-    PlanOptions {
-        rig: order.rig.clone(),
-        method: order.method.clone(),
-        seed: order.seed,
+/// What the planner is asked for.
+pub fn plan_options(order: &PlanOrder) -> Result<PlanOptions, Refusal> {
+    let refusal = |error: &dyn std::fmt::Display| Refusal::new(RefusalCode::Plan, error.to_string());
+    let rig = match &order.rig_file {
+        Some(text) => Rig::parse(text),
+        None => Rig::preset(&order.rig),
+    };
+    let rig = rig.map_err(|error| refusal(&error))?;
+    let method = Method::parse(&order.method).map_err(|error| refusal(&error))?;
+    Ok(PlanOptions {
         iterations: order.iterations,
         start_m: order.start_m.map(Point3::from),
-    }
+        start_view: order.start_view_deg.map(|[azimuth_deg, pitch_deg]| direction_of(azimuth_deg, pitch_deg)),
+        ..PlanOptions::new(rig, method, order.seed)
+    })
 }
 
 /// The edit of `scene` that a client means.

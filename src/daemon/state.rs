@@ -280,7 +280,7 @@ impl Daemon {
         let flight = Flight {
             snapshot: current.snapshot.clone(),
             settings: current.session.settings().clone(),
-            options: convert::plan_options(&queued.order),
+            options: convert::plan_options(&queued.order).expect("orders are checked before they are queued"),
             cause: queued.cause,
             field_s: queued.field_s,
         };

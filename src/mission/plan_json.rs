@@ -7,8 +7,9 @@
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
+use crate::camera::Intrinsics;
 use crate::frame::Geodetic;
-use crate::trajectory::plan::{Image, Plan, Waypoint};
+use crate::trajectory::plan::{Camera, Image, Plan, Waypoint};
 
 /// Version of the format, the first key of the file.
 pub const FORMAT: &str = "overfly-plan/1";
@@ -24,6 +25,7 @@ pub fn to_bytes(plan: &Plan) -> Vec<u8> {
         ("seed", json(&plan.seed)),
         ("rig", json(&plan.rig)),
         ("method", json(&plan.method)),
+        ("cameras", json(&plan.cameras.iter().map(camera_entry).collect::<Vec<_>>())),
         ("waypoints", one_per_line(&waypoints)),
         ("images", one_per_line(&images)),
         ("metrics", json(&metrics_entry(plan))),
@@ -37,6 +39,14 @@ struct SceneEntry<'a> {
     name: &'a str,
     origin: Option<Geodetic>,
     revision: u64,
+}
+
+#[derive(Serialize)]
+struct CameraEntry<'a> {
+    name: &'a str,
+    #[serde(flatten)]
+    intrinsics: Option<Intrinsics>,
+    pixel_rad: f64,
 }
 
 #[derive(Serialize)]
@@ -64,11 +74,20 @@ struct MetricsEntry {
     movement_s: f64,
     turning_s: f64,
     flight_s: f64,
+    profile_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    battery_percent: Option<f64>,
+    images: usize,
+    selected_images: usize,
     coverage_percent: f64,
     coverage_exposed_percent: f64,
     capturable_percent: f64,
     information: f64,
     objective: f64,
+}
+
+fn camera_entry(camera: &Camera) -> CameraEntry<'_> {
+    CameraEntry { name: &camera.name, intrinsics: camera.intrinsics, pixel_rad: camera.pixel_rad }
 }
 
 fn waypoint_entry(waypoint: &Waypoint) -> WaypointEntry {
@@ -81,7 +100,7 @@ fn image_entry<'a>(plan: &'a Plan, image: &Image) -> ImageEntry<'a> {
         direction: image.direction.map(|direction| vector(&direction)),
         up: vector(&image.up),
         fov_deg: image.fov_deg,
-        camera: plan.cameras.get(image.camera as usize).map_or("unknown", String::as_str),
+        camera: plan.cameras.get(image.camera as usize).map_or("unknown", |camera| camera.name.as_str()),
         time_s: plain_zero(image.time_s),
         selected: image.selected,
     }
@@ -95,6 +114,10 @@ fn metrics_entry(plan: &Plan) -> MetricsEntry {
         movement_s: metrics.movement_s,
         turning_s: metrics.turning_s,
         flight_s: metrics.flight_s,
+        profile_s: metrics.profile_s,
+        battery_percent: metrics.battery_percent,
+        images: plan.images.len(),
+        selected_images: plan.selected_images(),
         coverage_percent: metrics.coverage_percent,
         coverage_exposed_percent: metrics.coverage_exposed_percent,
         capturable_percent: metrics.capturable_percent,

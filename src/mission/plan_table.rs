@@ -1,11 +1,12 @@
 //! Plans as tables: what the daemon publishes, and the way back.
 
 use nalgebra::{Point3, Unit, Vector3};
-use overfly_table::plan::{ImageRow, IterationRow, MetricsRow, PlanCounts, PlanFacts, WaypointRow};
+use overfly_table::plan::{CameraRow, CellsRow, ImageRow, IterationRow, MetricsRow, PlanCounts, PlanFacts, WaypointRow};
 use overfly_table::{Block, PlanTable};
 
+use crate::camera::Intrinsics;
 use crate::frame::Geodetic;
-use crate::trajectory::plan::{Image, Iteration, Metrics, Plan, RunTimes, SceneStamp, StopReason, Waypoint};
+use crate::trajectory::plan::{Camera, Image, Iteration, Metrics, Plan, RunTimes, SceneStamp, StopReason, Waypoint};
 
 /// Why a table is not a plan.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -30,12 +31,16 @@ pub fn to_blocks(plan: &Plan, times: &RunTimes) -> Vec<Block> {
     let waypoints: Vec<WaypointRow> = plan.waypoints.iter().map(waypoint_row).collect();
     let images: Vec<ImageRow> = plan.images.iter().map(image_row).collect();
     let iterations: Vec<IterationRow> = plan.convergence.iter().map(iteration_row).collect();
+    let cameras: Vec<CameraRow> = plan.cameras.iter().map(camera_row).collect();
+    let cells: Vec<CellsRow> =
+        plan.cells.iter().zip(&plan.ceilings).map(|(&covered, &ceiling)| CellsRow { covered, ceiling }).collect();
     let text = text(plan);
     let table = PlanTable {
         facts: &facts,
         waypoints: &waypoints,
         images: &images,
-        cells: &plan.cells,
+        cameras: &cameras,
+        cells: &cells,
         iterations: &iterations,
         text: text.as_bytes(),
     };
@@ -55,7 +60,12 @@ pub fn from_table(table: &PlanTable<'_>) -> Result<(Plan, RunTimes), PlanTableEr
         std::str::from_utf8(table.text).map_err(|_| PlanTableError::Text { missing: "scene" })?.split_terminator('\n');
     let mut line = |missing| lines.next().map(unescape).ok_or(PlanTableError::Text { missing });
     let (name, rig, method) = (line("scene")?, line("rig")?, line("method")?);
-    let cameras: Vec<String> = lines.map(unescape).collect();
+    let names: Vec<String> = lines.map(unescape).collect();
+    if names.len() != table.cameras.len() {
+        return Err(PlanTableError::Text { missing: "cameras" });
+    }
+    let cameras: Vec<Camera> =
+        names.into_iter().zip(table.cameras).map(|(name, row)| camera(name, row)).collect::<Result<_, _>>()?;
     let plan = Plan {
         scene: SceneStamp { name, origin: origin(facts)?, revision: facts.revision },
         seed: facts.seed,
@@ -65,7 +75,8 @@ pub fn from_table(table: &PlanTable<'_>) -> Result<(Plan, RunTimes), PlanTableEr
         images: table.images.iter().map(|row| image(row, cameras.len())).collect::<Result<_, _>>()?,
         cameras,
         metrics: metrics(&facts.metrics)?,
-        cells: table.cells.to_vec(),
+        cells: table.cells.iter().map(|row| row.covered).collect(),
+        ceilings: table.cells.iter().map(|row| row.ceiling).collect(),
         goal_percent: finite("goal", facts.goal_percent)?,
         clearance_m: finite("clearance", facts.clearance_m)?,
         convergence: table.iterations.iter().map(iteration).collect::<Result<_, _>>()?,
@@ -104,6 +115,8 @@ fn metrics_row(metrics: &Metrics, waypoints: usize) -> MetricsRow {
         movement_s: metrics.movement_s,
         turning_s: metrics.turning_s,
         flight_s: metrics.flight_s,
+        profile_s: metrics.profile_s,
+        battery_percent: metrics.battery_percent.unwrap_or(-1.0),
         coverage_percent: metrics.coverage_percent,
         coverage_exposed_percent: metrics.coverage_exposed_percent,
         capturable_percent: metrics.capturable_percent,
@@ -119,6 +132,8 @@ fn metrics(row: &MetricsRow) -> Result<Metrics, PlanTableError> {
         movement_s: figure(row.movement_s)?,
         turning_s: figure(row.turning_s)?,
         flight_s: figure(row.flight_s)?,
+        profile_s: figure(row.profile_s)?,
+        battery_percent: Some(figure(row.battery_percent)?).filter(|&percent| percent >= 0.0),
         coverage_percent: figure(row.coverage_percent)?,
         coverage_exposed_percent: figure(row.coverage_exposed_percent)?,
         capturable_percent: figure(row.capturable_percent)?,
@@ -190,6 +205,20 @@ fn image(row: &ImageRow, cameras: usize) -> Result<Image, PlanTableError> {
     })
 }
 
+fn camera_row(camera: &Camera) -> CameraRow {
+    let intrinsics = camera.intrinsics.unwrap_or(Intrinsics { focal_mm: 0.0, sensor_mm: [0.0; 2], pixels: [0; 2] });
+    let Intrinsics { focal_mm, sensor_mm, pixels } = intrinsics;
+    CameraRow { pixel_rad: camera.pixel_rad, focal_mm, sensor_mm, pixels }
+}
+
+fn camera(name: String, row: &CameraRow) -> Result<Camera, PlanTableError> {
+    let [width, height] = row.sensor_mm;
+    let focal_mm = finite("cameras", row.focal_mm)?;
+    let sensor_mm = [finite("cameras", width)?, finite("cameras", height)?];
+    let intrinsics = (focal_mm != 0.0).then_some(Intrinsics { focal_mm, sensor_mm, pixels: row.pixels });
+    Ok(Camera { name, intrinsics, pixel_rad: finite("cameras", row.pixel_rad)? })
+}
+
 fn iteration_row(iteration: &Iteration) -> IterationRow {
     IterationRow {
         objective: iteration.objective,
@@ -216,6 +245,7 @@ fn stop_code(stop: StopReason) -> u64 {
         StopReason::Cancelled => 2,
         StopReason::MemoryUsed => 3,
         StopReason::SpaceExhausted => 4,
+        StopReason::Complete => 5,
     }
 }
 
@@ -226,13 +256,14 @@ fn stop_reason(code: u64) -> Result<StopReason, PlanTableError> {
         2 => Ok(StopReason::Cancelled),
         3 => Ok(StopReason::MemoryUsed),
         4 => Ok(StopReason::SpaceExhausted),
+        5 => Ok(StopReason::Complete),
         code => Err(PlanTableError::Code { what: "stop reason", code }),
     }
 }
 
 /// Scene, rig, method and cameras, one line each; a line break in a name is written as `\n`.
 fn text(plan: &Plan) -> String {
-    let names = [&plan.scene.name, &plan.rig, &plan.method].into_iter().chain(&plan.cameras);
+    let names = [&plan.scene.name, &plan.rig, &plan.method].into_iter().chain(plan.cameras.iter().map(|camera| &camera.name));
     names.map(|name| name.replace('\\', "\\\\").replace('\n', "\\n") + "\n").collect()
 }
 
@@ -309,23 +340,28 @@ mod tests {
             origin in prop::option::of(prop::array::uniform3(number())),
             waypoints in prop::collection::vec((point(), unit()), 0..20),
             images in prop::collection::vec(an_image(), 0..20),
-            figures in prop::array::uniform9(number()), goal_percent in number(), clearance_m in number(),
-            cells in prop::collection::vec(any::<u16>(), 0..50),
+            figures in prop::array::uniform10(number()), battery_percent in prop::option::of(0.0..1e4f64),
+            lens in prop::option::of((1.0..100.0f64, prop::array::uniform2(1.0..50.0f64), prop::array::uniform2(16u32..9000))), pixel_rad in number(), goal_percent in number(), clearance_m in number(),
+            all_cells in prop::collection::vec((any::<u16>(), any::<u16>()), 0..50),
             convergence in prop::collection::vec(prop::array::uniform4(number()), 0..20),
             stop in prop::sample::select(vec![
                 StopReason::GoalReached, StopReason::IterationsUsed, StopReason::Cancelled, StopReason::MemoryUsed, StopReason::SpaceExhausted,
+                StopReason::Complete,
             ]),
         ) -> Plan {
             let [scene, rig, method, one, two] = names;
-            let [length_m, movement_s, turning_s, flight_s, coverage_percent, coverage_exposed_percent, capturable_percent,
+            let (cells, ceilings) = all_cells.into_iter().unzip();
+            let intrinsics = lens.map(|(focal_mm, sensor_mm, pixels)| Intrinsics { focal_mm, sensor_mm, pixels });
+            let [length_m, movement_s, turning_s, flight_s, profile_s, coverage_percent, coverage_exposed_percent, capturable_percent,
                 information, objective] = figures;
             Plan {
                 scene: SceneStamp {
                     name: scene, origin: origin.map(|[lat_deg, lon_deg, alt_m]| Geodetic { lat_deg, lon_deg, alt_m }), revision },
-                seed, rig, method, cameras: vec![one, two],
+                seed, rig, method,
+                cameras: vec![Camera { name: one, intrinsics, pixel_rad }, Camera { name: two, intrinsics: None, pixel_rad: 1e-3 }],
                 waypoints: waypoints.into_iter().map(|(position_m, direction)| Waypoint { position_m, direction }).collect(),
-                images, cells, goal_percent, clearance_m, stop,
-                metrics: Metrics { length_m, movement_s, turning_s, flight_s, coverage_percent, coverage_exposed_percent,
+                images, cells, ceilings, goal_percent, clearance_m, stop,
+                metrics: Metrics { length_m, movement_s, turning_s, flight_s, profile_s, battery_percent, coverage_percent, coverage_exposed_percent,
                     capturable_percent, information, objective },
                 convergence: convergence.into_iter().map(|[objective, coverage_percent, length_m, turning_s]|
                     Iteration { objective, coverage_percent, length_m, turning_s }).collect(),

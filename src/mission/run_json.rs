@@ -82,6 +82,7 @@ pub fn stop_name(stop: StopReason) -> &'static str {
         StopReason::MemoryUsed => "memory_used",
         StopReason::SpaceExhausted => "space_exhausted",
         StopReason::Cancelled => "cancelled",
+        StopReason::Complete => "complete",
     }
 }
 

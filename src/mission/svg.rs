@@ -32,7 +32,10 @@ pub enum SvgError {
 
 /// The file's content. `field` is the field of the plan's scene revision: outlines, samples and what can be captured come from it.
 pub fn to_bytes(field: &FieldTable, plan: &Plan) -> Result<Vec<u8>, SvgError> {
-    if plan.cells.len() != field.samples.len() || plan.scene.revision != field.facts.revision {
+    if plan.cells.len() != field.samples.len()
+        || plan.ceilings.len() != field.samples.len()
+        || plan.scene.revision != field.facts.revision
+    {
         return Err(SvgError::OtherField {
             plan_revision: plan.scene.revision,
             plan_samples: plan.cells.len(),
@@ -41,7 +44,7 @@ pub fn to_bytes(field: &FieldTable, plan: &Plan) -> Result<Vec<u8>, SvgError> {
         });
     }
     let sheet = Sheet::of(field, plan);
-    let tallies = walls::tally(field, &plan.cells);
+    let tallies = walls::tally(field, plan);
     let path = flight::timed_path(plan);
     let document = Document::new()
         .set("viewBox", (0, 0, WIDTH as u32, sheet.height.ceil() as u32))

@@ -1,5 +1,6 @@
 //! The tree search for one continuous path (paper, section 5).
 
+pub mod leg;
 pub mod objective;
 pub mod outcome;
 pub mod problem;
@@ -7,6 +8,7 @@ mod rrt_star;
 #[cfg(test)]
 mod tests;
 mod tree;
+mod view_choice;
 
 pub use outcome::{Iteration, Outcome, Progress, StopReason};
 pub use problem::{Problem, SearchError};

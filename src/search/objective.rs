@@ -2,6 +2,8 @@
 
 use nalgebra::Vector3;
 
+use super::leg::angle_rad;
+use crate::camera::Pose;
 use crate::coverage::{CELLS, Information};
 use crate::settings::{ObjectiveSettings, Settings};
 
@@ -56,16 +58,21 @@ impl Objective {
         gain + self.efficiency_m * efficiency - self.settings.alpha_t * sums.turning_s
     }
 
+    /// Length and turning of a path, without information.
+    pub fn travel(&self, path: &[Pose]) -> PathSums {
+        let legs: Vec<Vector3<f64>> = path.windows(2).map(|ends| ends[1].position - ends[0].position).collect();
+        PathSums {
+            information: 0,
+            length_m: legs.iter().map(|leg| leg.norm()).sum(),
+            turning_s: legs.windows(2).map(|pair| self.turn_s(&pair[0], &pair[1])).sum(),
+        }
+    }
+
     /// c_t of the turn from leg `before` to leg `after` (Eq. 5), s. A collinear waypoint is not free: 0.67 s.
     pub fn turn_s(&self, before: &Vector3<f64>, after: &Vector3<f64>) -> f64 {
-        let from_hairpin = deviation_rad(before, after) - std::f64::consts::PI;
+        let from_hairpin = angle_rad(before, after) - std::f64::consts::PI;
         self.settings.turn_hairpin_s - self.settings.turn_curvature_s * from_hairpin * from_hairpin
     }
-}
-
-/// Angle between two legs, 0 straight on to pi for a hairpin.
-fn deviation_rad(before: &Vector3<f64>, after: &Vector3<f64>) -> f64 {
-    libm::atan2(before.cross(after).norm(), before.dot(after))
 }
 
 #[cfg(test)]

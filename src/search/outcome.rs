@@ -31,6 +31,8 @@ pub enum StopReason {
     /// No further point of the free space could be reached.
     SpaceExhausted,
     Cancelled,
+    /// The method has done all that it does; it does not search for a goal.
+    Complete,
 }
 
 /// How far a search has come.

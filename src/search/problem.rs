@@ -1,10 +1,12 @@
 //! What a search works on: the field of one snapshot seen through one rig.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::FieldTable;
+use rayon::prelude::*;
 
+use super::leg::{angle_rad, image_count, image_poses};
 use super::objective::Objective;
-use crate::camera::{Pose, Rig};
+use crate::camera::{Pose, Rig, View};
 use crate::coverage::union::{self, Gained, Observations};
 use crate::coverage::{CELLS, DiskModel, Information, Mask, SampleFrame};
 use crate::field::Lookup;
@@ -35,14 +37,27 @@ pub struct Problem<'a> {
     pub capturable: u32,
     /// Capturable samples that a sufficient path captures: more than G percent of them.
     pub sufficient: u32,
-    disks: &'a DiskModel,
+    /// Cells of each sample that the rig's views from all viewpoints together cover.
+    pub ceilings: Vec<u16>,
+    pub areas_mm2: Vec<u64>,
+    /// Cells that a capturable sample must exceed; all cells for one that cannot be captured.
+    pub thresholds: Vec<u32>,
+    /// Samples with the axes of their hemispheres.
+    pub frames: Vec<SampleFrame>,
+    /// The discretised view directions of a camera on a gimbal (section 5.4); empty for other rigs.
+    pub view_directions: Vec<Unit<Vector3<f64>>>,
+    pub disks: &'a DiskModel,
     lookup: &'a Lookup,
     /// No image gains more than this.
     most_of_image: Information,
-    frames: Vec<SampleFrame>,
-    areas_mm2: Vec<u64>,
-    /// Cells that a capturable sample must exceed; all cells for one that cannot be captured.
-    thresholds: Vec<u32>,
+    turning: ViewTurning,
+}
+
+/// How fast the view may turn along a leg: "otherwise, the drone's camera may rotate too fast and produce blurry images" (section 5.4).
+#[derive(Clone, Copy, Debug)]
+struct ViewTurning {
+    rad_per_m: f64,
+    most_rad: f64,
 }
 
 /// Dense masks while observations are gathered, kept between uses so that nothing is allocated on the hot path.
@@ -56,24 +71,31 @@ impl<'a> Problem<'a> {
     pub fn new(snapshot: &'a Snapshot, settings: &Settings, rig: Rig) -> Self {
         let field = snapshot.field();
         let threshold = field.facts.threshold_cells;
-        let samples = 0..field.samples.len();
-        let capturable = samples.clone().filter(|&i| field.is_capturable(i)).count() as u32;
+        let frames = frames(&field);
+        let ceilings = ceilings(&field, &rig, &frames, &snapshot.disks);
+        let is_capturable = |cells: &&u16| u32::from(**cells) > threshold;
+        let capturable = ceilings.iter().filter(is_capturable).count() as u32;
         let enough = (f64::from(capturable) * settings.coverage.goal_percent / 100.0).floor() as u32 + 1;
-        let spacing = settings.search.image_spacing_m.max(settings.flight.cruise_speed_mps * settings.search.shutter_interval_s);
+        let speed_mps = settings.flight.cruise_speed_mps;
+        let dynamics = &settings.dynamics;
+        let most_rad_s = dynamics.yaw_rate_dps.min(dynamics.gimbal_rate_dps).to_radians().min(rig.blur_limit_rad_s);
         Self {
             free: &snapshot.free,
+            image_spacing_m: settings.search.image_spacing_m.max(speed_mps * rig.shutter_interval_s),
+            view_directions: rig.view_directions(),
+            turning: ViewTurning { rad_per_m: most_rad_s / speed_mps, most_rad: settings.search.view_turn_deg.to_radians() },
             rig,
             objective: Objective::new(settings, field.facts.reference_area_m2, field.facts.neighbour_radius_m),
             settings: settings.search.clone(),
-            image_spacing_m: spacing,
             capturable,
             sufficient: enough.min(capturable),
             disks: &snapshot.disks,
             lookup: &snapshot.lookup,
             most_of_image: most_of_image(&field, &snapshot.disks),
-            frames: frames(&field),
             areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
-            thresholds: samples.map(|i| if field.is_capturable(i) { threshold } else { CELLS as u32 }).collect(),
+            thresholds: ceilings.iter().map(|cells| if is_capturable(&cells) { threshold } else { CELLS as u32 }).collect(),
+            frames,
+            ceilings,
             field,
         }
     }
@@ -87,9 +109,25 @@ impl<'a> Problem<'a> {
         (b - a).norm() >= self.image_spacing_m && self.free.is_leg_safe(a, b)
     }
 
+    /// Whether the rig can capture sample `i` at all: its views from all viewpoints together cover more than the threshold.
+    pub fn is_capturable(&self, i: usize) -> bool {
+        u32::from(self.ceilings[i]) > self.field.facts.threshold_cells
+    }
+
+    /// Whether the view may turn from one direction to the other along the leg: slowly enough for gimbal, yaw and shutter, and within the
+    /// gimbal's range at every image.
+    pub fn can_turn(&self, from: &Pose, to: &Pose) -> bool {
+        let (Some(first), Some(last)) = (from.direction, to.direction) else { return true };
+        let limit_rad = ((to.position - from.position).norm() * self.turning.rad_per_m).min(self.turning.most_rad);
+        first == last
+            || angle_rad(&first, &last) <= limit_rad
+                && image_poses(&self.rig, from, to, self.image_spacing_m)
+                    .all(|pose| pose.direction.is_none_or(|d| self.rig.reaches(&d)))
+    }
+
     /// What the views along the leg add to those at `from`: the viewpoints between the ends, and the one at `to` (section 4.2).
     pub fn observe_leg(&self, from: &Pose, to: &Pose, scratch: &mut Scratch) -> Observations {
-        for pose in image_poses(from, to, self.image_spacing_m) {
+        for pose in image_poses(&self.rig, from, to, self.image_spacing_m) {
             self.observe(&pose, scratch);
         }
         scratch.take()
@@ -102,8 +140,8 @@ impl<'a> Problem<'a> {
     }
 
     /// An upper bound of what the images of a leg can gain, whatever they see.
-    pub fn most_of_leg(&self, from: &Pose, to: &Pose) -> Information {
-        self.most_of_image.saturating_mul(image_count((to.position - from.position).norm(), self.image_spacing_m) as u64)
+    pub fn most_of_leg(&self, from: &Point3<f64>, to: &Point3<f64>) -> Information {
+        self.most_of_image.saturating_mul(image_count((to - from).norm(), self.image_spacing_m) as u64)
     }
 
     /// Adds the coverage disks of one view: visibility from the field, frustum and disk exactly at the pose.
@@ -111,12 +149,20 @@ impl<'a> Problem<'a> {
         let Some(nearest) = self.lookup.nearest_in_sight(&pose.position, &self.free.clearance) else {
             return;
         };
+        let frusta = self.rig.frusta(pose);
         for i in seen_in(self.field.row(nearest)) {
             let frame = &self.frames[i];
-            if self.rig.frames(pose, &frame.position) {
+            if is_framed(frusta.as_deref(), &frame.position) {
                 scratch.add(i as u32, self.disks.mask(frame, &pose.position));
             }
         }
+    }
+
+    /// Every sample that the field shows at a position, whatever the direction of the cameras, with the cells of its disk.
+    pub fn sighted(&self, position: &Point3<f64>) -> impl Iterator<Item = (usize, Mask)> + '_ {
+        let row = self.lookup.nearest_in_sight(position, &self.free.clearance).map_or(&[][..], |nearest| self.field.row(nearest));
+        let position = *position;
+        seen_in(row).map(move |i| (i, self.disks.mask(&self.frames[i], &position))).filter(|&(_, mask)| mask != 0)
     }
 
     /// Area-weighted cells that `seen` adds to `covered` (Eq. 2 over all samples).
@@ -163,26 +209,6 @@ impl Scratch {
     }
 }
 
-/// The images of a leg without the one at its start: evenly spaced, at least `spacing_m` apart, the last one at the end. The
-/// viewpoints along an edge ARE the images of the flight.
-pub fn image_poses(from: &Pose, to: &Pose, spacing_m: f64) -> impl Iterator<Item = Pose> + use<> {
-    let leg = to.position - from.position;
-    let count = image_count(leg.norm(), spacing_m);
-    let (start, end) = (*from, *to);
-    (1..=count).map(move |k| {
-        if k == count {
-            return end;
-        }
-        let share = k as f64 / count as f64;
-        // The view direction turns along the great circle (section 5.4); between opposite directions there is no such circle.
-        let direction = match (start.direction, end.direction) {
-            (Some(from), Some(to)) => Some(from.try_slerp(&to, share, 1e-9).unwrap_or(to)),
-            _ => end.direction,
-        };
-        Pose { position: start.position + leg * share, direction }
-    })
-}
-
 /// The samples whose bits are set in a row of the field, in ascending order.
 fn seen_in(row: &[u64]) -> impl Iterator<Item = usize> + '_ {
     row.iter().enumerate().flat_map(|(word_index, &word)| {
@@ -191,8 +217,32 @@ fn seen_in(row: &[u64]) -> impl Iterator<Item = usize> + '_ {
     })
 }
 
-fn image_count(length_m: f64, spacing_m: f64) -> usize {
-    ((length_m / spacing_m).floor() as usize).max(1)
+fn is_framed(frusta: Option<&[View]>, target: &Point3<f64>) -> bool {
+    frusta.is_none_or(|views| views.iter().any(|view| view.frames(target)))
+}
+
+/// What the rig's views from all viewpoints, in all directions that it can take, cover of each sample. For a rig that sees in all
+/// directions this is a section of the field; for others the frustum is a further test on the same visibility bits (section 5.4).
+fn ceilings(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskModel) -> Vec<u16> {
+    let directions = rig.pose_directions();
+    if directions == [None] {
+        return field.ceilings.to_vec();
+    }
+    let nothing = || vec![0 as Mask; frames.len()];
+    let unions = (0..field.viewpoints.len()).into_par_iter().fold(nothing, |mut union, j| {
+        let position = Point3::from(field.viewpoints[j].position_m);
+        let views: Vec<View> =
+            directions.iter().filter_map(|&direction| rig.frusta(&Pose { position, direction })).flatten().collect();
+        for i in seen_in(field.row(j)).filter(|&i| is_framed(Some(&views), &frames[i].position)) {
+            union[i] |= disks.mask(&frames[i], &position);
+        }
+        union
+    });
+    let union = unions.reduce(nothing, |mut union, other| {
+        union.iter_mut().zip(other).for_each(|(mask, other)| *mask |= other);
+        union
+    });
+    union.into_iter().map(|mask| mask.count_ones() as u16).collect()
 }
 
 /// The most that any row of the field could gain: every sample in it under the largest disk.

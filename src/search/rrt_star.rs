@@ -8,7 +8,7 @@ use rand_core::{Rng, SeedableRng};
 
 use super::outcome::{Iteration, Outcome, Progress, StopReason};
 use super::problem::{Problem, SearchError};
-use super::tree::{Node, Tree};
+use super::tree::{Node, Offer, Tree};
 use crate::camera::Pose;
 use crate::stop::StopToken;
 
@@ -78,23 +78,25 @@ pub fn search(
 /// One pass through the body of Algorithm 2; `false` when stopped before there was a new node.
 pub(super) fn expand(problem: &Problem, tree: &mut Tree, random: &mut ChaCha8Rng, stop: &StopToken) -> Result<bool, SearchError> {
     // "w_new <- Random_Sample(F, T)".
-    let Some((pose, reachable_from)) = random_sample(problem, tree, random, stop)? else {
+    let Some((position, reachable_from)) = random_sample(problem, tree, random, stop)? else {
         return Ok(false);
     };
-    let new = tree.add(pose);
+    let new = tree.add(position);
     // "N <- Find_Neighbors(T, w_new)".
     let neighbours = find_neighbours(problem, tree, new);
     // "if N is empty then w_p <- Find the node in T that is nearest to w_new and reachable to w_new".
-    let mut parent = reachable_from;
-    let mut best = f64::NEG_INFINITY;
+    let mut best = None;
     for n in neighbours {
         // "w_p <- Find the node in N that maximizes Eq. (6) for trajectory {w_start, ..., w_p, w_new}".
-        if let Some(objective) = tree.objective_above(n, new, best) {
-            (parent, best) = (n, objective);
-        }
+        let least = best.map_or(f64::NEG_INFINITY, |(_, offer): (usize, Offer)| offer.objective);
+        best = tree.offer(n, new, least).map(|offer| (n, offer)).or(best);
     }
+    let (parent, offer) = best.unwrap_or_else(|| {
+        let offer = tree.offer(reachable_from, new, f64::NEG_INFINITY);
+        (reachable_from, offer.expect("a leg to a node without children is better than nothing"))
+    });
     // "Connect w_new to T by setting w_p as w_new's parent".
-    tree.connect(parent, new);
+    tree.connect(parent, new, offer.end);
     // "Rewire_Tree(T, w_new)".
     rewire_tree(problem, tree, new, stop);
     Ok(true)
@@ -106,7 +108,7 @@ fn random_sample(
     tree: &Tree,
     random: &mut ChaCha8Rng,
     stop: &StopToken,
-) -> Result<Option<(Pose, usize)>, SearchError> {
+) -> Result<Option<(Point3<f64>, usize)>, SearchError> {
     for _ in 0..SAMPLE_TRIES {
         if stop.is_stopped() {
             return Ok(None);
@@ -120,7 +122,7 @@ fn random_sample(
         let mut nodes: Vec<(f64, usize)> = (0..tree.nodes.len()).map(|n| (distance(&tree.nodes[n], &position), n)).collect();
         nodes.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         if let Some(&(_, nearest)) = nodes.iter().find(|&&(_, n)| problem.can_fly(&tree.nodes[n].pose.position, &position)) {
-            return Ok(Some((Pose { position, direction: None }, nearest)));
+            return Ok(Some((position, nearest)));
         }
     }
     Err(SearchError::Unreachable { tries: SAMPLE_TRIES })
@@ -157,14 +159,12 @@ pub(super) fn rewire_tree(problem: &Problem, tree: &mut Tree, start: usize, stop
                 continue;
             }
             // "Try to connect w_i to w"; "if E({w_start, ..., w_i}) increases after the reconnection then".
-            if tree.objective_above(w, n, tree.nodes[n].objective).is_none() {
-                continue;
-            }
+            let Some(offer) = tree.offer(w, n, tree.nodes[n].objective) else { continue };
             if reconnections == problem.settings.rewirings {
                 return;
             }
             // "Set w as w_i's parent; Push w_i to Q".
-            tree.connect(w, n);
+            tree.connect(w, n, offer.end);
             queue.push_back(n);
             reconnections += 1;
         }

@@ -6,9 +6,10 @@ use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
 
+use super::leg::image_poses;
 use super::objective::PathSums;
 use super::outcome::StopReason;
-use super::problem::{Problem, image_poses};
+use super::problem::Problem;
 use super::rrt_star::{expand, rewire_tree, search};
 use super::tree::Tree;
 use crate::camera::{Pose, Rig};
@@ -27,6 +28,10 @@ fn small_block(seed: u64) -> (Snapshot, Settings) {
     let session = Session::new(generate_block(&block), Arc::new(settings.clone()), &stop).expect("a generated block has a field");
     let snapshot = session.survey(&stop).and_then(|survey| survey.into_snapshot(&stop)).expect("nobody stops it");
     (snapshot, settings)
+}
+
+fn panoramic() -> Rig {
+    Rig::preset("panoramic").expect("a preset")
 }
 
 fn root(problem: &Problem) -> Pose {
@@ -52,7 +57,7 @@ fn brute_force(problem: &Problem, path: &[Pose]) -> (PathSums, u32, Vec<u128>) {
     };
     see(&mut covered, &path[0]);
     for (k, leg) in path.windows(2).enumerate() {
-        image_poses(&leg[0], &leg[1], problem.image_spacing_m).for_each(|pose| see(&mut covered, &pose));
+        image_poses(&problem.rig, &leg[0], &leg[1], problem.image_spacing_m).for_each(|pose| see(&mut covered, &pose));
         let flown = leg[1].position - leg[0].position;
         sums.length_m += flown.norm();
         if k > 0 {
@@ -74,7 +79,7 @@ proptest! {
     #[test]
     fn every_node_agrees_with_its_path_recomputed_from_nothing(seed in 0u64..1000) {
         let (snapshot, settings) = small_block(seed % 3);
-        let problem = Problem::new(&snapshot, &settings, Rig::Panoramic);
+        let problem = Problem::new(&snapshot, &settings, panoramic());
         let mut tree = grown(&problem, seed, 60);
         rewire_tree(&problem, &mut tree, 0, &StopToken::default());
         for n in 0..tree.nodes.len() {
@@ -96,12 +101,12 @@ proptest! {
     #[test]
     fn no_leg_gains_more_than_its_upper_bound(seed in 0u64..1000) {
         let (snapshot, settings) = small_block(seed % 3);
-        let problem = Problem::new(&snapshot, &settings, Rig::Panoramic);
+        let problem = Problem::new(&snapshot, &settings, panoramic());
         let tree = grown(&problem, seed, 30);
         let (nothing, mut scratch) = (vec![0; problem.field.samples.len()], problem.scratch());
         for (a, b) in tree.nodes.iter().flat_map(|a| tree.nodes.iter().map(move |b| (&a.pose, &b.pose))) {
             let seen = problem.observe_leg(a, b, &mut scratch);
-            prop_assert!(problem.gain(&nothing, &seen) <= problem.most_of_leg(a, b));
+            prop_assert!(problem.gain(&nothing, &seen) <= problem.most_of_leg(&a.position, &b.position));
         }
     }
 }
@@ -112,7 +117,7 @@ fn a_reconnection_raises_the_objective_of_its_node() {
     for seed in 0..8 {
         let (snapshot, settings) = small_block(seed % 3);
         let with_budget = |rewirings| {
-            let mut problem = Problem::new(&snapshot, &settings, Rig::Panoramic);
+            let mut problem = Problem::new(&snapshot, &settings, panoramic());
             problem.settings.rewirings = rewirings;
             problem
         };
@@ -134,7 +139,7 @@ fn a_reconnection_raises_the_objective_of_its_node() {
 #[test]
 fn a_stopped_search_returns_the_best_path_so_far() {
     let (snapshot, settings) = small_block(1);
-    let problem = Problem::new(&snapshot, &settings, Rig::Panoramic);
+    let problem = Problem::new(&snapshot, &settings, panoramic());
     let stop = StopToken::default();
     let mut reported_m = 0.0;
     let outcome = search(&problem, root(&problem), 400, 7, &stop, &|_| 0, &mut |progress| {
@@ -154,7 +159,7 @@ fn a_stopped_search_returns_the_best_path_so_far() {
 fn a_sufficient_path_ends_the_search_and_reaches_the_goal() {
     let (snapshot, mut settings) = small_block(2);
     settings.coverage.goal_percent = 40.0;
-    let problem = Problem::new(&snapshot, &settings, Rig::Panoramic);
+    let problem = Problem::new(&snapshot, &settings, panoramic());
     let captured = |path: &[Pose]| brute_force(&problem, path).1;
     let never = StopToken::default();
     let outcome = search(&problem, root(&problem), 2000, 3, &never, &captured, &mut |_| {}).expect("the block can be flown");

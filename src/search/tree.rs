@@ -1,10 +1,15 @@
 //! The random tree: nodes in an arena, each with the sums and the coverage of its path from the root.
 
 use std::collections::HashMap;
+use std::rc::Rc;
 
+use nalgebra::Point3;
+
+use super::leg::heading;
 use super::objective::PathSums;
 use super::problem::{Problem, Scratch};
-use crate::camera::Pose;
+use super::view_choice::ViewChoice;
+use crate::camera::{Cameras, Pose};
 use crate::coverage::Mask;
 use crate::coverage::union::{Gained, Observations};
 
@@ -21,6 +26,17 @@ pub struct Node {
     pub captured: u32,
     /// Union of all views on the path, sample by sample.
     pub covered: Vec<Mask>,
+    /// What the views on the leg from the parent see.
+    seen: Rc<Observations>,
+}
+
+/// A leg that a node may be connected by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Offer {
+    /// E of the path to the leg's end.
+    pub objective: f64,
+    /// The leg's end with the direction that it would have.
+    pub end: Pose,
 }
 
 /// The tree T with the legs that were looked at so far.
@@ -29,14 +45,15 @@ pub struct Tree<'p, 'a> {
     pub nodes: Vec<Node>,
     /// Whether the drone can fly between two nodes, the lower index first.
     flyable: HashMap<(usize, usize), bool>,
-    /// What a leg adds, by its start and end node: a cache.
-    legs: HashMap<(usize, usize), Observations>,
+    /// What a leg adds, by its start and end node: a cache, for rigs whose legs do not depend on their ends' directions.
+    legs: HashMap<(usize, usize), Rc<Observations>>,
     /// Entries of all cached legs together.
     held: usize,
     scratch: Scratch,
+    views: ViewChoice,
 }
 
-/// The cache of legs keeps at most this many entries (of 20 bytes) beside those of the tree's own edges.
+/// The cache of legs keeps at most this many entries (of 20 bytes).
 const MOST_HELD: usize = 2_000_000;
 
 impl<'p, 'a> Tree<'p, 'a> {
@@ -48,21 +65,14 @@ impl<'p, 'a> Tree<'p, 'a> {
         let Gained { captured, .. } = problem.cover(&mut covered, &problem.observe_pose(&root, &mut scratch));
         let sums = PathSums::default();
         let objective = problem.objective.value(&sums);
-        let root = Node { pose: root, parent: None, children: Vec::new(), sums, objective, captured, covered };
-        Self { problem, nodes: vec![root], flyable: HashMap::new(), legs: HashMap::new(), held: 0, scratch }
+        let root = Node { captured, covered, objective, ..Node::at(root) };
+        let views = ViewChoice::new(problem.field.samples.len());
+        Self { problem, nodes: vec![root], flyable: HashMap::new(), legs: HashMap::new(), held: 0, scratch, views }
     }
 
-    /// Adds a node without a parent; [`Tree::connect`] follows.
-    pub fn add(&mut self, pose: Pose) -> usize {
-        self.nodes.push(Node {
-            pose,
-            parent: None,
-            children: Vec::new(),
-            sums: PathSums::default(),
-            objective: f64::NEG_INFINITY,
-            captured: 0,
-            covered: Vec::new(),
-        });
+    /// Adds a node without a parent; [`Tree::connect`] follows and gives it its direction.
+    pub fn add(&mut self, position: Point3<f64>) -> usize {
+        self.nodes.push(Node::at(Pose { position, direction: None }));
         self.nodes.len() - 1
     }
 
@@ -72,29 +82,53 @@ impl<'p, 'a> Tree<'p, 'a> {
         *self.flyable.entry((a.min(b), a.max(b))).or_insert_with(|| self.problem.can_fly(&from, &to))
     }
 
-    /// E of the path to `parent` continued to `child` if it exceeds `least`. The drone must be able to fly there.
+    /// The best leg from `parent` to `child` if E of the path over it exceeds `least`. The drone must be able to fly there.
     ///
     /// Looking at a leg is the search's main cost, and most legs lose by far. So first an upper bound is compared: no image gains
     /// more than the best row of the field holds. The bound is strict, so the answer never depends on it.
-    pub fn objective_above(&mut self, parent: usize, child: usize, least: f64) -> Option<f64> {
-        let objective = &self.problem.objective;
-        let mut sums = self.sums_with_leg(parent, child);
-        let mut bound = sums;
-        bound.information += self.problem.most_of_leg(&self.nodes[parent].pose, &self.nodes[child].pose);
-        if objective.value(&bound) <= least {
+    pub fn offer(&mut self, parent: usize, child: usize, least: f64) -> Option<Offer> {
+        let problem = self.problem;
+        let sums = self.sums_with_leg(parent, child);
+        let from = &self.nodes[parent];
+        let to = self.nodes[child].pose.position;
+        let objective = |gained| {
+            let information = sums.information + gained;
+            problem.objective.value(&PathSums { information, ..sums })
+        };
+        if objective(problem.most_of_leg(&from.pose.position, &to)) <= least {
             return None;
         }
-        self.observe_leg(parent, child);
-        sums.information += self.problem.gain(&self.nodes[parent].covered, &self.legs[&(parent, child)]);
-        Some(objective.value(&sums)).filter(|&value| value > least)
+        if problem.rig.has_gimbal() {
+            // "We have to determine the view vector [...] whenever we create a new edge in the tree" (section 5.4).
+            let nodes = &self.nodes;
+            let children = || nodes[child].children.iter().map(|&grandchild| &nodes[grandchild].pose);
+            let fits = |end: &Pose| problem.can_turn(&from.pose, end) && children().all(|next| problem.can_turn(end, next));
+            let is_worth = |gained| objective(gained) > least;
+            let (end, gained) = self.views.choose(problem, &from.pose, &from.covered, &to, &fits, &is_worth)?;
+            return Some(Offer { objective: objective(gained), end });
+        }
+        let end = self.end_without_gimbal(parent, child);
+        let seen = self.leg(parent, child, &end);
+        let objective = objective(problem.gain(&self.nodes[parent].covered, &seen));
+        (objective > least).then_some(Offer { objective, end })
     }
 
-    /// Makes `parent` the parent of `child` and brings the whole subtree of `child` up to date. The drone must be able to fly the leg.
-    pub fn connect(&mut self, parent: usize, child: usize) {
+    /// Makes `parent` the parent of `child`, which takes the pose `end`, and brings the whole subtree of `child` up to date. The drone
+    /// must be able to fly the leg.
+    pub fn connect(&mut self, parent: usize, child: usize, end: Pose) {
         if let Some(old) = self.nodes[child].parent.replace(parent) {
             self.nodes[old].children.retain(|&c| c != child);
         }
         self.nodes[parent].children.push(child);
+        let has_turned = self.nodes[child].pose != end;
+        self.nodes[child].pose = end;
+        self.nodes[child].seen = self.leg(parent, child, &end);
+        if has_turned && self.problem.rig.has_gimbal() {
+            for grandchild in self.nodes[child].children.clone() {
+                let end = self.nodes[grandchild].pose;
+                self.nodes[grandchild].seen = self.leg(child, grandchild, &end);
+            }
+        }
         let mut stack = vec![child];
         while let Some(node) = stack.pop() {
             self.update(node);
@@ -119,8 +153,7 @@ impl<'p, 'a> Tree<'p, 'a> {
         let parent = self.nodes[node].parent.expect("the root is never updated");
         let mut covered = std::mem::take(&mut self.nodes[node].covered);
         covered.clone_from(&self.nodes[parent].covered);
-        self.observe_leg(parent, node);
-        let gained = self.problem.cover(&mut covered, &self.legs[&(parent, node)]);
+        let gained = self.problem.cover(&mut covered, &self.nodes[node].seen);
         let mut sums = self.sums_with_leg(parent, node);
         sums.information += gained.information;
         let captured = self.nodes[parent].captured + gained.captured;
@@ -142,22 +175,46 @@ impl<'p, 'a> Tree<'p, 'a> {
         sums
     }
 
-    fn observe_leg(&mut self, from: usize, to: usize) {
-        if self.legs.contains_key(&(from, to)) {
-            return;
-        }
-        if self.held > MOST_HELD {
-            self.forget_legs_outside_of_the_tree();
-        }
-        let seen = self.problem.observe_leg(&self.nodes[from].pose, &self.nodes[to].pose, &mut self.scratch);
-        self.held += seen.len();
-        self.legs.insert((from, to), seen);
+    /// The pose at the end of a leg where the leg alone decides on the direction.
+    fn end_without_gimbal(&self, parent: usize, child: usize) -> Pose {
+        let position = self.nodes[child].pose.position;
+        let direction = match self.problem.rig.cameras {
+            Cameras::Rigid(_) => Some(heading(&self.nodes[parent].pose.position, &position)),
+            _ => None,
+        };
+        Pose { position, direction }
     }
 
-    fn forget_legs_outside_of_the_tree(&mut self) {
-        let nodes = &self.nodes;
-        self.legs.retain(|&(from, to), _| nodes[to].parent == Some(from));
-        // What the tree itself holds does not count, or a large tree would empty its cache at every step.
-        self.held = 0;
+    fn leg(&mut self, from: usize, to: usize, end: &Pose) -> Rc<Observations> {
+        if self.problem.rig.has_gimbal() {
+            return Rc::new(self.problem.observe_leg(&self.nodes[from].pose, end, &mut self.scratch));
+        }
+        if let Some(seen) = self.legs.get(&(from, to)) {
+            return Rc::clone(seen);
+        }
+        if self.held > MOST_HELD {
+            // The legs of the tree itself are held by its nodes.
+            self.legs.clear();
+            self.held = 0;
+        }
+        let seen = Rc::new(self.problem.observe_leg(&self.nodes[from].pose, end, &mut self.scratch));
+        self.held += seen.len();
+        self.legs.insert((from, to), Rc::clone(&seen));
+        seen
+    }
+}
+
+impl Node {
+    fn at(pose: Pose) -> Self {
+        Self {
+            pose,
+            parent: None,
+            children: Vec::new(),
+            sums: PathSums::default(),
+            objective: f64::NEG_INFINITY,
+            captured: 0,
+            covered: Vec::new(),
+            seen: Rc::default(),
+        }
     }
 }

@@ -75,7 +75,7 @@ impl Settings {
     }
 
     fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
-        let Self { proxy, surface, flight, field, coverage, objective, search, daemon } = self;
+        let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, daemon } = self;
         vec![
             ("proxy.storey_height_m", proxy.storey_height_m, 1.0, 20.0),
             ("proxy.default_height_m", proxy.default_height_m, 1.0, 1000.0),
@@ -89,6 +89,11 @@ impl Settings {
             ("flight.above_tallest_m", flight.above_tallest_m, 0.0, 10_000.0),
             ("flight.legal_ceiling_m", flight.legal_ceiling_m, 1.0, 10_000.0),
             ("flight.lateral_margin_m", flight.lateral_margin_m, 0.0, 10_000.0),
+            ("dynamics.acceleration_mps2", dynamics.acceleration_mps2, 0.01, 100.0),
+            ("dynamics.lateral_mps2", dynamics.lateral_mps2, 0.01, 100.0),
+            ("dynamics.corner_deviation_m", dynamics.corner_deviation_m, 0.0, 100.0),
+            ("dynamics.yaw_rate_dps", dynamics.yaw_rate_dps, 0.1, 3600.0),
+            ("dynamics.gimbal_rate_dps", dynamics.gimbal_rate_dps, 0.1, 3600.0),
             ("field.viewpoints", f64::from(field.viewpoints), 1.0, 1_000_000.0),
             ("field.most_samples", f64::from(field.most_samples), 1.0, 10_000_000.0),
             ("field.most_viewpoints", f64::from(field.most_viewpoints), 1.0, 10_000_000.0),
@@ -115,7 +120,7 @@ impl Settings {
             ("search.neighbours_most", f64::from(search.neighbours_most), 1.0, 1_000_000.0),
             ("search.memory_mb", f64::from(search.memory_mb), 1.0, 1_000_000.0),
             ("search.image_spacing_m", search.image_spacing_m, 0.5, 1000.0),
-            ("search.shutter_interval_s", search.shutter_interval_s, 0.0, 60.0),
+            ("search.view_turn_deg", search.view_turn_deg, 0.0, 180.0),
             ("daemon.memory_budget_mb", daemon.memory_budget_mb as f64, 1.0, 1e9),
             ("daemon.max_scene_mb", daemon.max_scene_mb as f64, 1.0, 4096.0),
             ("daemon.threads", f64::from(daemon.threads), 0.0, 1024.0),

@@ -1,16 +1,20 @@
 //! The figures of a finished plan, by exact rays from the images' true poses (never from rows of the field).
 
 use nalgebra::Point3;
-use overfly_table::field::SampleRow;
 use rayon::prelude::*;
 
 use super::plan::Image;
-use crate::camera::{Pose, Rig};
+use crate::camera::View;
 use crate::coverage::{Information, Mask, SampleFrame};
 use crate::field::Snapshot;
+use crate::search::Problem;
 use crate::stop::StopToken;
 
-/// What the images capture.
+/// Which images see which samples: for each sample of the field the images that see it, in their order, and the cells of their disks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sightings(pub Vec<Vec<(u32, Mask)>>);
+
+/// What a set of images captures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capture {
     /// Covered cells of each sample.
@@ -26,41 +30,53 @@ pub struct Capture {
 }
 
 /// Casts every line of sight between the images and the exposed samples, in parallel over samples. `None` when abandoned.
-pub fn capture(snapshot: &Snapshot, rig: &Rig, images: &[Image], stop: &StopToken) -> Option<Capture> {
+pub fn sightings(snapshot: &Snapshot, images: &[Image], stop: &StopToken) -> Option<Sightings> {
     let field = snapshot.field();
-    let cells_of = |row: &SampleRow| {
+    let views: Vec<Option<View>> = images.iter().map(Image::view).collect();
+    let rows = field.samples.par_iter().map(|row| {
         if row.exposed == 0 {
-            return Some(0);
+            return Some(Vec::new());
         }
         let sample = SampleFrame::new(row.position_m.into(), row.normal.into());
-        (!stop.is_abandoned()).then(|| covered(snapshot, rig, images, &sample).count_ones() as u16)
-    };
-    let cells: Vec<u16> = field.samples.par_iter().map(cells_of).collect::<Option<_>>()?;
-    let threshold = field.facts.threshold_cells;
-    let count = |counts: &dyn Fn(usize) -> bool| (0..cells.len()).filter(|&i| counts(i)).count() as f64;
-    let above = |cells: u16| u32::from(cells) > threshold;
-    let exposed = count(&|i| field.samples[i].exposed == 1);
-    let capturable = count(&|i| field.is_capturable(i));
-    let captured = count(&|i| field.is_capturable(i) && above(cells[i]));
-    Some(Capture {
-        captured: captured as u32,
-        information: cells.iter().zip(field.samples).map(|(&cells, row)| u64::from(cells) * row.area_mm2).sum(),
-        coverage_percent: percent(captured, capturable),
-        coverage_exposed_percent: percent(count(&|i| above(cells[i])), exposed),
-        capturable_percent: percent(capturable, exposed),
-        cells,
-    })
+        (!stop.is_abandoned()).then(|| seen_by(snapshot, images, &views, &sample))
+    });
+    rows.collect::<Option<_>>().map(Sightings)
 }
 
-fn covered(snapshot: &Snapshot, rig: &Rig, images: &[Image], sample: &SampleFrame) -> Mask {
+fn seen_by(snapshot: &Snapshot, images: &[Image], views: &[Option<View>], sample: &SampleFrame) -> Vec<(u32, Mask)> {
     let end: Point3<f64> = sample.position + sample.normal * snapshot.offset_m;
-    images.iter().fold(0, |mask, image| {
-        let pose = Pose { position: image.position_m, direction: image.direction };
-        let sees = snapshot.disks.faces(sample, &pose.position)
-            && rig.frames(&pose, &sample.position)
-            && !snapshot.free.clearance.occluded(&pose.position, &end);
-        if sees { mask | snapshot.disks.exact_mask(sample, &pose.position) } else { mask }
-    })
+    let mask = |index: usize| {
+        let position = &images[index].position_m;
+        let sees = snapshot.disks.faces(sample, position)
+            && views[index].as_ref().is_none_or(|view| view.frames(&sample.position))
+            && !snapshot.free.clearance.occluded(position, &end);
+        if sees { snapshot.disks.exact_mask(sample, position) } else { 0 }
+    };
+    (0..images.len()).map(|index| (index as u32, mask(index))).filter(|&(_, mask)| mask != 0).collect()
+}
+
+impl Sightings {
+    /// What the images for which `counts` holds capture together.
+    pub fn capture(&self, problem: &Problem, counts: impl Fn(u32) -> bool) -> Capture {
+        let union =
+            |seen: &Vec<(u32, Mask)>| seen.iter().filter(|&&(image, _)| counts(image)).fold(0, |mask, &(_, other)| mask | other);
+        let cells: Vec<u16> = self.0.iter().map(|seen| union(seen).count_ones() as u16).collect();
+        let samples = problem.field.samples;
+        let threshold = problem.field.facts.threshold_cells;
+        let number = |counts: &dyn Fn(usize) -> bool| (0..cells.len()).filter(|&i| counts(i)).count() as f64;
+        let above = |i: usize| u32::from(cells[i]) > threshold;
+        let exposed = number(&|i| samples[i].exposed == 1);
+        let capturable = f64::from(problem.capturable);
+        let captured = number(&|i| problem.is_capturable(i) && above(i));
+        Capture {
+            captured: captured as u32,
+            information: cells.iter().zip(samples).map(|(&cells, row)| u64::from(cells) * row.area_mm2).sum(),
+            coverage_percent: percent(captured, capturable),
+            coverage_exposed_percent: percent(number(&above), exposed),
+            capturable_percent: percent(capturable, exposed),
+            cells,
+        }
+    }
 }
 
 fn percent(part: f64, whole: f64) -> f64 {

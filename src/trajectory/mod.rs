@@ -1,6 +1,9 @@
-//! From the search's path to a flight: images, figures and the final safety check.
+//! From the route of a planning method to a flight: timing, images, figures and the final safety check.
 
 pub mod evaluate;
 pub mod images;
 pub mod plan;
+pub mod profile;
+pub mod route;
 pub mod safety;
+pub mod select;

@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
+use crate::camera::{Intrinsics, Rig, View};
 use crate::frame::Geodetic;
 
 pub use crate::search::outcome::{Iteration, StopReason};
@@ -13,13 +14,15 @@ pub struct Plan {
     pub seed: u64,
     pub rig: String,
     pub method: String,
-    /// Names of the rig's cameras, indexed by [`Image::camera`].
-    pub cameras: Vec<String>,
+    /// The rig's cameras, indexed by [`Image::camera`].
+    pub cameras: Vec<Camera>,
     pub waypoints: Vec<Waypoint>,
     pub images: Vec<Image>,
     pub metrics: Metrics,
     /// Covered hemisphere cells of each sample of the field, in its order, by exact rays from the images.
     pub cells: Vec<u16>,
+    /// Cells of each sample that the rig's views from all viewpoints together cover: what a sample can reach at all.
+    pub ceilings: Vec<u16>,
     /// Coverage goal G, percent of the capturable samples.
     pub goal_percent: f64,
     /// Smallest distance of the whole curve to a structure or the ground, m.
@@ -27,6 +30,39 @@ pub struct Plan {
     /// The best path after each iteration of the search.
     pub convergence: Vec<Iteration>,
     pub stop: StopReason,
+}
+
+impl Plan {
+    /// Images that the reconstruction should use.
+    pub fn selected_images(&self) -> usize {
+        self.images.iter().filter(|image| image.selected).count()
+    }
+
+    /// Whether sample `i` of the field can be captured by this rig at all; `threshold_cells` is the field's.
+    pub fn is_capturable(&self, i: usize, threshold_cells: u32) -> bool {
+        u32::from(self.ceilings[i]) > threshold_cells
+    }
+}
+
+/// A camera of the rig.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    pub name: String,
+    /// `None` for a panorama.
+    pub intrinsics: Option<Intrinsics>,
+    /// Angle that one pixel spans, rad.
+    pub pixel_rad: f64,
+}
+
+impl Camera {
+    /// The cameras of a rig, in the order of the images of one exposure.
+    pub fn all_of(rig: &Rig) -> Vec<Self> {
+        let camera = |index| {
+            let (name, intrinsics) = rig.camera(index);
+            Self { name: name.to_owned(), intrinsics: intrinsics.copied(), pixel_rad: rig.pixel_rad(index) }
+        };
+        (0..rig.camera_count()).map(camera).collect()
+    }
 }
 
 /// Which scene, in which state, a plan belongs to.
@@ -37,7 +73,7 @@ pub struct SceneStamp {
     pub revision: u64,
 }
 
-/// A corner of the path; `direction` is the camera's view direction, `None` for a panoramic rig.
+/// A corner of the path; `direction` is the camera's view direction, the heading of a rig that is bolted on, `None` for a panoramic rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Waypoint {
     pub position_m: Point3<f64>,
@@ -56,7 +92,17 @@ pub struct Image {
     pub camera: u32,
     /// Since the start of the flight, s.
     pub time_s: f64,
+    /// Whether the reconstruction should use it (section 5.3).
     pub selected: bool,
+}
+
+impl Image {
+    /// Its frustum; `None` for a panorama.
+    pub fn view(&self) -> Option<View> {
+        let fov_deg = self.fov_deg?;
+        let half_tangents = fov_deg.map(|fov_deg| libm::tan(fov_deg.to_radians() / 2.0));
+        self.direction.map(|direction| View::new(self.position_m, &direction, &self.up, half_tangents))
+    }
 }
 
 /// The figures of a plan, as in `plan.json`.
@@ -68,6 +114,10 @@ pub struct Metrics {
     /// Sum of Eq. 5 over the inner waypoints.
     pub turning_s: f64,
     pub flight_s: f64,
+    /// Time of the speed profile.
+    pub profile_s: f64,
+    /// What the flight draws from a full battery by movement and turning (Tables 4 and 5); `None` for a rig without a battery.
+    pub battery_percent: Option<f64>,
     pub coverage_percent: f64,
     pub coverage_exposed_percent: f64,
     pub capturable_percent: f64,

@@ -2,6 +2,8 @@
 
 use nalgebra::Point3;
 
+use super::plan::Image;
+use crate::camera::{Rig, pitch_rad};
 use crate::scene::free_space::{FreeSpace, Obstruction};
 
 /// A leg or waypoint that is not safe.
@@ -9,6 +11,8 @@ use crate::scene::free_space::{FreeSpace, Obstruction};
 pub enum UnsafeCurve {
     #[error("waypoint {index} at ({position}) is not safe: {cause}")]
     Waypoint { index: usize, position: String, cause: Obstruction },
+    #[error("image {index} looks to pitch {pitch_deg:.2} degrees, beyond the gimbal's range")]
+    View { index: usize, pitch_deg: f64 },
     #[error("the leg from waypoint {from} to the next is not safe: {cause}")]
     Leg { from: usize, cause: Obstruction },
 }
@@ -26,6 +30,15 @@ pub fn check(curve: &[Point3<f64>], free: &FreeSpace) -> Result<f64, UnsafeCurve
         }
     }
     Ok(least_distance_m(curve, free))
+}
+
+/// Checks that the gimbal can be pitched to every image.
+pub fn check_views(rig: &Rig, images: &[Image]) -> Result<(), UnsafeCurve> {
+    let beyond = images.iter().enumerate().find_map(|(index, image)| {
+        let direction = image.direction.filter(|direction| !rig.reaches(direction))?;
+        Some(UnsafeCurve::View { index, pitch_deg: pitch_rad(&direction).to_degrees() })
+    });
+    beyond.map_or(Ok(()), Err)
 }
 
 fn least_distance_m(curve: &[Point3<f64>], free: &FreeSpace) -> f64 {

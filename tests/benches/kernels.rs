@@ -9,7 +9,7 @@ use divan::{Bencher, black_box};
 use nalgebra::{Point3, Vector3};
 use overfly::camera::{Pose, Rig};
 use overfly::coverage::{DiskModel, SampleFrame};
-use overfly::planner::{PlanOptions, StopToken, plan};
+use overfly::planner::{Method, PlanOptions, StopToken, plan};
 use overfly::scene::{generate_block, ny1_size};
 use overfly::search::Problem;
 use overfly::session::{Session, Snapshot};
@@ -87,7 +87,7 @@ fn nearest_viewpoint_in_sight(bencher: Bencher) {
 
 #[divan::bench]
 fn coverage_masks_of_a_leg(bencher: Bencher) {
-    let problem = Problem::new(&SNAPSHOT, &SETTINGS, Rig::Panoramic);
+    let problem = Problem::new(&SNAPSHOT, &SETTINGS, Rig::preset("panoramic").expect("a preset"));
     let legs = legs();
     let mut scratch = problem.scratch();
     bencher
@@ -97,7 +97,7 @@ fn coverage_masks_of_a_leg(bencher: Bencher) {
 
 #[divan::bench]
 fn information_gain_of_a_leg(bencher: Bencher) {
-    let problem = Problem::new(&SNAPSHOT, &SETTINGS, Rig::Panoramic);
+    let problem = Problem::new(&SNAPSHOT, &SETTINGS, Rig::preset("panoramic").expect("a preset"));
     let mut scratch = problem.scratch();
     let seen: Vec<_> = legs().iter().map(|(a, b)| problem.observe_leg(a, b, &mut scratch)).collect();
     let mut covered = vec![0; problem.field.samples.len()];
@@ -123,7 +123,9 @@ fn field_build(bencher: Bencher) {
 
 #[divan::bench(sample_count = 10, args = [100, 400, 1000])]
 fn plan_by_tree_search(iterations: u32) -> usize {
-    let options =
-        PlanOptions { rig: "panoramic".into(), method: "paper".into(), seed: 1, iterations: Some(iterations), start_m: None };
+    let options = PlanOptions {
+        iterations: Some(iterations),
+        ..PlanOptions::new(Rig::preset("panoramic").expect("a preset"), Method::Paper, 1)
+    };
     plan(&SNAPSHOT, &SETTINGS, &options, &StopToken::default(), &mut |_| {}).expect("the block can be flown").images.len()
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 use overfly::frame::Geodetic;
-use overfly::trajectory::plan::{Image, Iteration, Metrics, Plan, SceneStamp, StopReason, Waypoint};
+use overfly::trajectory::plan::{Camera, Image, Iteration, Metrics, Plan, SceneStamp, StopReason, Waypoint};
 use overfly_table::field::{FieldCounts, FieldFacts, RingRow, SampleRow, StructureRow};
 use overfly_table::{Block, FieldTable, FieldTableMut};
 
@@ -176,7 +176,7 @@ pub fn plan(field: &FieldTable) -> Plan {
         seed: 1,
         rig: "panoramic".to_owned(),
         method: "paper".to_owned(),
-        cameras: vec!["panorama".to_owned()],
+        cameras: vec![Camera { name: "panorama".to_owned(), intrinsics: None, pixel_rad: 6e-4 }],
         waypoints: corners.iter().map(|position_m| Waypoint { position_m: *position_m, direction: None }).collect(),
         images,
         metrics: Metrics {
@@ -184,6 +184,8 @@ pub fn plan(field: &FieldTable) -> Plan {
             movement_s,
             turning_s: movement_s * 0.2,
             flight_s: movement_s * 1.2,
+            profile_s: movement_s * 1.3,
+            battery_percent: None,
             coverage_percent: 95.3,
             coverage_exposed_percent: 84.1,
             capturable_percent: 88.2,
@@ -191,6 +193,7 @@ pub fn plan(field: &FieldTable) -> Plan {
             objective: 4211.5,
         },
         cells,
+        ceilings: field.ceilings.to_vec(),
         goal_percent: 95.0,
         clearance_m: 5.2,
         convergence: (0..400)

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use nalgebra::Point3;
-use overfly::planner::{PlanOptions, StopToken};
+use overfly::camera::Rig;
+use overfly::planner::{Method, PlanOptions, StopToken};
 use overfly::scene::{BlockSettings, Scene, Triangle, generate_block};
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
@@ -33,7 +34,11 @@ pub fn snapshot(session: &Session) -> Snapshot {
 }
 
 pub fn options(seed: u64, iterations: u32) -> PlanOptions {
-    PlanOptions { rig: "panoramic".into(), method: "paper".into(), seed, iterations: Some(iterations), start_m: None }
+    rig_options("panoramic", seed, iterations)
+}
+
+pub fn rig_options(rig: &str, seed: u64, iterations: u32) -> PlanOptions {
+    PlanOptions { iterations: Some(iterations), ..PlanOptions::new(Rig::preset(rig).expect("a preset"), Method::Paper, seed) }
 }
 
 /// A real scene's file, or `None` with a line that says that the test was skipped.

@@ -7,7 +7,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let client = Client::connect(&Domain::new("overfly")?, Duration::from_secs(2))?;
 //! let loaded = client.load(SceneSource::Path("town.geojson".into()), None, &mut |_| {})?;
-//! let order = PlanOrder { rig: "panoramic".into(), method: "paper".into(), seed: 1, iterations: None, start_m: None };
+//! let order = PlanOrder { rig: "phantom4-rtk".into(), ..Default::default() };
 //! let plan = client.plan(&loaded.scene, &order, &mut |note| println!("{:.1} %", note.coverage_percent))?;
 //! println!("{} waypoints", plan.table().waypoints.len());
 //! # Ok(())

@@ -6,7 +6,7 @@ use crate::layout::{self, Block, LayoutError, Section};
 
 /// "OVFLYPLN" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYPLN");
-pub const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 2;
 
 /// The figures of a plan, in the order of `metrics` in `plan.json`.
 #[repr(C)]
@@ -19,6 +19,10 @@ pub struct MetricsRow {
     /// Sum of Eq. 5 over the inner waypoints.
     pub turning_s: f64,
     pub flight_s: f64,
+    /// Time of the speed profile.
+    pub profile_s: f64,
+    /// What the flight draws from a full battery; negative for a rig without one.
+    pub battery_percent: f64,
     /// Share of the capturable samples above the threshold, by exact rays from the images.
     pub coverage_percent: f64,
     /// The same of the exposed samples.
@@ -40,7 +44,7 @@ pub struct PlanFacts {
     pub seed: u64,
     pub iterations: u64,
     /// 0 the coverage goal was reached, 1 the iterations were used up, 2 the search was stopped, 3 its memory was
-    /// used up, 4 nothing more could be reached.
+    /// used up, 4 nothing more could be reached, 5 the method has done all that it does.
     pub stop: u64,
     pub origin_lat_deg: f64,
     pub origin_lon_deg: f64,
@@ -86,6 +90,28 @@ pub struct ImageRow {
     pub selected: u16,
 }
 
+/// A camera of the rig; its name stands in the text.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct CameraRow {
+    /// Angle that one pixel spans, rad.
+    pub pixel_rad: f64,
+    /// 0 for a panorama, as the sensor and its resolution.
+    pub focal_mm: f64,
+    pub sensor_mm: [f64; 2],
+    pub pixels: [u32; 2],
+}
+
+/// Hemisphere cells of one sample of the field that the plan was made on.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct CellsRow {
+    /// Covered by the plan's images, by exact rays.
+    pub covered: u16,
+    /// Covered by the rig's views from all viewpoints together.
+    pub ceiling: u16,
+}
+
 /// One iteration of the search: the best path so far.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -102,6 +128,7 @@ pub struct IterationRow {
 pub struct PlanCounts {
     pub waypoints: usize,
     pub images: usize,
+    pub cameras: usize,
     pub samples: usize,
     pub iterations: usize,
     pub text_bytes: usize,
@@ -118,10 +145,16 @@ struct PlanHeader {
     sections: [Section; SECTIONS],
 }
 
-const SECTIONS: usize = 5;
-const NAMES: [&str; SECTIONS] = ["waypoints", "images", "cells", "iterations", "text"];
-const ROW_BYTES: [usize; SECTIONS] =
-    [size_of::<WaypointRow>(), size_of::<ImageRow>(), size_of::<u16>(), size_of::<IterationRow>(), 1];
+const SECTIONS: usize = 6;
+const NAMES: [&str; SECTIONS] = ["waypoints", "images", "cameras", "cells", "iterations", "text"];
+const ROW_BYTES: [usize; SECTIONS] = [
+    size_of::<WaypointRow>(),
+    size_of::<ImageRow>(),
+    size_of::<CameraRow>(),
+    size_of::<CellsRow>(),
+    size_of::<IterationRow>(),
+    1,
+];
 
 impl PlanCounts {
     /// Size of the whole table in blocks.
@@ -130,7 +163,7 @@ impl PlanCounts {
     }
 
     fn sections(&self) -> ([Section; SECTIONS], u64) {
-        let counts = [self.waypoints, self.images, self.samples, self.iterations, self.text_bytes];
+        let counts = [self.waypoints, self.images, self.cameras, self.samples, self.iterations, self.text_bytes];
         let mut rows = [(0, 0); SECTIONS];
         for (row, (count, bytes)) in rows.iter_mut().zip(counts.into_iter().zip(ROW_BYTES)) {
             *row = (count, bytes);
@@ -145,8 +178,9 @@ pub struct PlanTable<'a> {
     pub facts: &'a PlanFacts,
     pub waypoints: &'a [WaypointRow],
     pub images: &'a [ImageRow],
-    /// Covered cells of each sample of the field that the plan was made on, in its order, by exact rays.
-    pub cells: &'a [u16],
+    pub cameras: &'a [CameraRow],
+    /// One row for each sample of the field that the plan was made on, in its order.
+    pub cells: &'a [CellsRow],
     pub iterations: &'a [IterationRow],
     /// Lines of UTF-8 text: scene, rig, method, then the names of the rig's cameras.
     pub text: &'a [u8],
@@ -158,14 +192,15 @@ impl<'a> PlanTable<'a> {
         let header: &PlanHeader = layout::header(blocks, "plan", MAGIC, SCHEMA, |header: &PlanHeader| {
             (header.magic, header.schema, header.total_bytes)
         })?;
-        let [waypoints, images, cells, iterations, text] = header.sections;
+        let [waypoints, images, cameras, cells, iterations, text] = header.sections;
         Ok(Self {
             facts: &header.facts,
             waypoints: layout::rows(blocks, waypoints, NAMES[0])?,
             images: layout::rows(blocks, images, NAMES[1])?,
-            cells: layout::rows(blocks, cells, NAMES[2])?,
-            iterations: layout::rows(blocks, iterations, NAMES[3])?,
-            text: layout::rows(blocks, text, NAMES[4])?,
+            cameras: layout::rows(blocks, cameras, NAMES[2])?,
+            cells: layout::rows(blocks, cells, NAMES[3])?,
+            iterations: layout::rows(blocks, iterations, NAMES[4])?,
+            text: layout::rows(blocks, text, NAMES[5])?,
         })
     }
 
@@ -185,9 +220,10 @@ impl<'a> PlanTable<'a> {
             sections,
         };
         bytemuck::cast_slice_mut::<Block, u8>(blocks)[..header_bytes].copy_from_slice(bytemuck::bytes_of(&header));
-        let [waypoints, images, cells, iterations, text] = layout::split_mut(blocks, sections, ROW_BYTES);
+        let [waypoints, images, cameras, cells, iterations, text] = layout::split_mut(blocks, sections, ROW_BYTES);
         waypoints.copy_from_slice(bytemuck::cast_slice(self.waypoints));
         images.copy_from_slice(bytemuck::cast_slice(self.images));
+        cameras.copy_from_slice(bytemuck::cast_slice(self.cameras));
         cells.copy_from_slice(bytemuck::cast_slice(self.cells));
         iterations.copy_from_slice(bytemuck::cast_slice(self.iterations));
         text.copy_from_slice(self.text);
@@ -197,6 +233,7 @@ impl<'a> PlanTable<'a> {
         PlanCounts {
             waypoints: self.waypoints.len(),
             images: self.images.len(),
+            cameras: self.cameras.len(),
             samples: self.cells.len(),
             iterations: self.iterations.len(),
             text_bytes: self.text.len(),

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Longest rig file, bytes.
+pub const MAX_RIG_FILE_BYTES: usize = 65_536;
 /// Longest name of a scene, structure, file, rig or method, bytes.
 pub const MAX_NAME_BYTES: usize = 128;
 
@@ -72,8 +74,10 @@ pub enum Request {
 /// What is to be planned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanOrder {
-    /// Name of a rig preset.
+    /// Name of a rig preset; with a rig file what the client calls it.
     pub rig: String,
+    /// Content of a rig file (TOML), in place of a preset.
+    pub rig_file: Option<String>,
     /// Name of a planning method.
     pub method: String,
     pub seed: u64,
@@ -81,6 +85,23 @@ pub struct PlanOrder {
     pub iterations: Option<u32>,
     /// Where the flight starts, m in the local frame; `None` lets the planner choose.
     pub start_m: Option<[f64; 3]>,
+    /// Where a camera on a gimbal looks at the start: azimuth clockwise from north and pitch up from the horizon, degrees; `None`
+    /// lets the planner choose.
+    pub start_view_deg: Option<[f64; 2]>,
+}
+
+impl Default for PlanOrder {
+    fn default() -> Self {
+        Self {
+            rig: "panoramic".into(),
+            rig_file: None,
+            method: "paper".into(),
+            seed: 1,
+            iterations: None,
+            start_m: None,
+            start_view_deg: None,
+        }
+    }
 }
 
 /// A change of one structure, which is given by its name or its id in hexadecimal.
@@ -348,6 +369,18 @@ impl PlanOrder {
     fn check(&self) -> Result<(), Refusal> {
         check_name("rig", &self.rig)?;
         check_name("method", &self.method)?;
+        if let Some(text) = &self.rig_file
+            && text.len() > MAX_RIG_FILE_BYTES
+        {
+            return invalid(format!("the rig file has {} bytes; the most is {MAX_RIG_FILE_BYTES}", text.len()));
+        }
+        if let Some([azimuth_deg, pitch_deg]) = self.start_view_deg
+            && !(azimuth_deg.abs() <= 360.0 && pitch_deg.abs() <= 90.0)
+        {
+            return invalid(format!(
+                "the view at the start is {azimuth_deg}, {pitch_deg}; give -360 to 360 and -90 to 90 degrees"
+            ));
+        }
         if let Some(iterations) = self.iterations
             && !(1..=MAX_ITERATIONS).contains(&iterations)
         {
@@ -463,7 +496,7 @@ mod tests {
     use crate::codec;
 
     fn order() -> PlanOrder {
-        PlanOrder { rig: "panoramic".into(), method: "paper".into(), seed: 1, iterations: None, start_m: None }
+        PlanOrder::default()
     }
 
     proptest! {
@@ -523,6 +556,9 @@ mod tests {
             plan(PlanOrder { start_m: Some([0.0, f64::NAN, 0.0]), ..order() }),
             plan(PlanOrder { iterations: Some(0), ..order() }),
             plan(PlanOrder { rig: "x".repeat(1000), ..order() }),
+            plan(PlanOrder { rig_file: Some("#".repeat(MAX_RIG_FILE_BYTES + 1)), ..order() }),
+            plan(PlanOrder { start_view_deg: Some([0.0, f64::NAN]), ..order() }),
+            plan(PlanOrder { start_view_deg: Some([0.0, 91.0]), ..order() }),
             Request::Locate { scene: "a/b".into() },
             Request::LoadPath { path: b"relative".to_vec(), name: None },
         ];

@@ -10,8 +10,8 @@ use crate::cli::answer::Form;
 use crate::cli::arguments::BenchArgs;
 use crate::cli::failure::Failure;
 use crate::cli::progress::Meter;
-use crate::cli::{in_process, settings_file};
-use crate::planner::{self, PlanOptions, StopToken};
+use crate::cli::{in_process, rig_file, settings_file};
+use crate::planner::{self, Method, PlanOptions, StopToken};
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let settings = Arc::new(settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?);
@@ -19,13 +19,8 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let mut meter = Meter::new(form);
     let (scene, _) = in_process::read_scene(&arguments.file, &settings)?;
     let snapshot = in_process::build_field(scene, &settings, &stop, &mut meter)?;
-    let options = PlanOptions {
-        rig: "panoramic".to_owned(),
-        method: "paper".to_owned(),
-        seed: 1,
-        iterations: arguments.iterations,
-        start_m: None,
-    };
+    let options =
+        PlanOptions { iterations: arguments.iterations, ..PlanOptions::new(rig_file::rig(&arguments.rig)?, Method::Paper, 1) };
     let (mut search_ms, mut check_ms, mut facts) = (Vec::new(), Vec::new(), Vec::new());
     for round in 1..=arguments.repeat {
         meter.stage(&format!("round {round} of {}", arguments.repeat));

@@ -79,6 +79,7 @@ fn ending(plan: &Plan) -> String {
         StopReason::IterationsUsed => format!("all {iterations} iterations used"),
         StopReason::MemoryUsed => format!("memory used up after {iterations} iterations"),
         StopReason::SpaceExhausted => format!("nothing more to reach after {iterations} iterations"),
+        StopReason::Complete => "the method is complete".to_owned(),
         StopReason::Cancelled => format!("stopped after {iterations} iterations"),
     }
 }

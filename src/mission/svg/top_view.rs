@@ -30,7 +30,7 @@ pub fn draw(sheet: &Sheet, field: &FieldTable, tallies: &[StructureTally], plan:
         .add(buildings(sheet, field, tallies))
         .add(wall_shares(sheet, field, tallies))
         .add(roof_shares(sheet, field, tallies))
-        .add(beyond_reach(sheet, field))
+        .add(beyond_reach(sheet, field, plan))
         .add(flight(sheet, plan, path))
 }
 
@@ -252,14 +252,17 @@ fn roof_middle(sheet: &Sheet, field: &FieldTable, index: usize, structure: &Stru
 }
 
 /// Exposed samples that no admissible view captures, thinned out where they would merge; those of walls stand a little outside of it.
-fn beyond_reach(sheet: &Sheet, field: &FieldTable) -> Path {
+fn beyond_reach(sheet: &Sheet, field: &FieldTable, plan: &Plan) -> Path {
     let offset = wall_width(sheet) / 2.0 + 2.6 * sheet.mark_scale();
-    let places = field.samples.iter().enumerate().filter(|&(i, sample)| sample.exposed == 1 && !field.is_capturable(i)).map(
-        |(_, sample)| {
+    let places = field
+        .samples
+        .iter()
+        .enumerate()
+        .filter(|&(i, sample)| sample.exposed == 1 && !plan.is_capturable(i, field.facts.threshold_cells))
+        .map(|(_, sample)| {
             let [x, y] = sheet.seen_from_above(sample.position_m[0], sample.position_m[1]);
             [x + sample.normal[0] * offset, y - sample.normal[1] * offset]
-        },
-    );
+        });
     let places = thin::apart(places, [], BEYOND_REACH_GAP);
     pen::dots(places, (2.4 * sheet.mark_scale()).max(1.4), colour::BEYOND_REACH).set("id", "beyond-reach")
 }

@@ -4,6 +4,8 @@ use nalgebra::Vector2;
 use overfly_table::FieldTable;
 use overfly_table::field::{PointRow, SampleRow, StructureRow};
 
+use crate::trajectory::plan::Plan;
+
 /// Normals steeper than this against the horizontal belong to roofs (cosine of the angle to the vertical).
 const ROOF_NORMAL_Z: f64 = 0.5;
 /// A wall sample belongs to an edge whose outward normal deviates by less than 60 degrees.
@@ -53,13 +55,13 @@ impl StructureTally {
     }
 }
 
-/// Tallies the exposed samples of every structure of `field`, in its order; `cells` are the covered cells of each sample.
-pub fn tally(field: &FieldTable, cells: &[u16]) -> Vec<StructureTally> {
+/// Tallies the exposed samples of every structure of `field`, in its order.
+pub fn tally(field: &FieldTable, plan: &Plan) -> Vec<StructureTally> {
     let mut tallies: Vec<StructureTally> = field.structures.iter().map(|structure| empty(field, structure)).collect();
     let threshold = field.facts.threshold_cells;
     for (index, sample) in field.samples.iter().enumerate().filter(|(_, sample)| sample.exposed == 1) {
-        let is_captured = u32::from(cells[index]) > threshold;
-        let is_capturable = field.is_capturable(index);
+        let is_captured = u32::from(plan.cells[index]) > threshold;
+        let is_capturable = plan.is_capturable(index, threshold);
         let structure = &field.structures[sample.structure as usize];
         let tally = &mut tallies[sample.structure as usize];
         face(field, structure, sample, tally).count(is_capturable, is_captured);

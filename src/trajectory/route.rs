@@ -1,0 +1,51 @@
+//! A flight before it is timed: its corners, and where on the way images are taken.
+
+use crate::camera::{Pose, Rig};
+use crate::search::leg::image_poses;
+
+/// What a planning method decides.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Route {
+    pub waypoints: Vec<Pose>,
+    /// In the order of the flight.
+    pub exposures: Vec<Exposure>,
+}
+
+/// One release of the shutter of all cameras.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// The leg from waypoint `leg` to the next one.
+    pub leg: usize,
+    /// Distance from the leg's start, m.
+    pub flown_m: f64,
+    pub pose: Pose,
+}
+
+impl Route {
+    /// Images all along the path, at least `spacing_m` apart: at its start and on every leg up to the leg's end.
+    pub fn continuous(path: &[Pose], rig: &Rig, spacing_m: f64) -> Self {
+        let start = path.first().map(|&pose| Exposure { leg: 0, flown_m: 0.0, pose });
+        let on_leg = |(leg, ends): (usize, &[Pose])| {
+            let from = ends[0];
+            image_poses(rig, &from, &ends[1], spacing_m).map(move |pose| {
+                let flown_m = (pose.position - from.position).norm();
+                Exposure { leg, flown_m, pose }
+            })
+        };
+        Self {
+            waypoints: path.to_vec(),
+            exposures: start.into_iter().chain(path.windows(2).enumerate().flat_map(on_leg)).collect(),
+        }
+    }
+
+    /// Images only at chosen waypoints; `is_view` says which.
+    pub fn at_views(path: &[Pose], is_view: &[bool]) -> Self {
+        let exposure = |index: usize| {
+            let arriving = index.checked_sub(1);
+            let flown_m = arriving.map_or(0.0, |before| (path[index].position - path[before].position).norm());
+            Exposure { leg: arriving.unwrap_or(0), flown_m, pose: path[index] }
+        };
+        let exposures = (0..path.len()).filter(|&index| is_view[index]).map(exposure).collect();
+        Self { waypoints: path.to_vec(), exposures }
+    }
+}

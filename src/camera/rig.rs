@@ -362,7 +362,7 @@ mod tests {
         let directions = phantom.view_directions();
         assert_eq!(directions.len(), 17);
         let closest = |a: &Unit<Vector3<f64>>| directions.iter().filter(|b| *b != a).map(|b| a.dot(b)).fold(-1.0, f64::max);
-        assert!(directions.iter().all(|direction| phantom.reaches(direction) && closest(direction) < 30f64.to_radians().cos()));
+        assert!(directions.iter().all(|direction| phantom.reaches(direction) && closest(direction) < 28f64.to_radians().cos()));
     }
 
     #[test]

@@ -71,6 +71,9 @@ pub enum RigError {
     Impossible { rig: String, fault: String },
 }
 
+/// The distances of the coverage model belong to the camera of the paper's Phantom: 13.2 mm and 5472 pixels behind 8.8 mm.
+const REFERENCE_PIXEL_RAD: f64 = 13.2 / 5472.0 / 8.8;
+
 /// Cameras on one rig.
 const MOST_CAMERAS: usize = 8;
 
@@ -152,6 +155,16 @@ impl Rig {
             (_, Some(intrinsics)) => intrinsics.pixel_rad(),
             (_, None) => unreachable!("only a panorama has no intrinsics"),
         }
+    }
+
+    /// How much farther than the reference camera the rig sees as sharply, in quarters: its coarsest pixel decides. A panorama is an idea
+    /// of the paper without a lens, and counts as the reference.
+    pub fn sight_scale(&self) -> f64 {
+        if matches!(self.cameras, Cameras::Panoramic { .. }) {
+            return 1.0;
+        }
+        let coarsest = (0..self.camera_count()).map(|camera| self.pixel_rad(camera)).fold(0.0, f64::max);
+        ((4.0 * REFERENCE_PIXEL_RAD / coarsest).round() / 4.0).clamp(0.25, 4.0)
     }
 
     /// The discretised view directions of section 5.4 that the gimbal can reach: two rings and the nadir, V = 17 for a camera that can
@@ -369,6 +382,12 @@ mod tests {
     fn turning_blurs_the_phantoms_images_beyond_seventy_degrees_on_thirty_metres() {
         let limit_deg_s = Rig::preset("phantom4-rtk").unwrap().blur_limit_rad_s.to_degrees();
         assert!((limit_deg_s * 30.0 / 8.0 - 70.0).abs() < 1.5, "{limit_deg_s}");
+    }
+
+    #[test]
+    fn a_longer_lens_sees_farther() {
+        let scales = Rig::PRESETS.map(|name| Rig::preset(name).unwrap().sight_scale());
+        assert_eq!(scales, [1.0, 1.0, 2.5, 1.0]);
     }
 
     #[test]

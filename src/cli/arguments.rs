@@ -337,6 +337,15 @@ pub struct GenerateArgs {
     /// Seed of the block
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
     pub seed: u64,
+    /// Size of the block, m east and north; `428,302` with `--buildings 84 --tallest 95` is the paper's scene NY-1
+    #[arg(long, value_name = "X,Y", default_value = "300,300")]
+    pub extent: Meters2,
+    /// Number of building lots
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = values::count)]
+    pub buildings: u32,
+    /// Height of the tallest tower, m
+    #[arg(long, value_name = "M", default_value_t = 90.0, value_parser = values::metres)]
+    pub tallest: f64,
     /// File to write [default: standard output]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,

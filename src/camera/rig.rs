@@ -65,7 +65,7 @@ impl Battery {
 pub enum RigError {
     #[error("there is no rig {0:?}; known rigs: {known}; or give a rig file ending with .toml", known = Rig::PRESETS.join(", "))]
     Unknown(String),
-    #[error("the rig file cannot be read as TOML of a rig: {0}; `config/rigs/` holds examples")]
+    #[error("the rig file cannot be read as TOML of a rig: {0}\n`overfly rigs phantom4-rtk` prints a rig file to begin with; `config/rigs/` holds more")]
     Syntax(String),
     #[error("the rig {rig:?} cannot be flown: {fault}")]
     Impossible { rig: String, fault: String },
@@ -85,21 +85,25 @@ impl Rig {
     /// Names of the presets.
     pub const PRESETS: [&str; 4] = ["panoramic", "phantom4-rtk", "m300-oblique", "mavic3e"];
 
-    /// The preset called `name`; the files stand in `config/rigs/`.
+    /// The preset called `name`.
     pub fn preset(name: &str) -> Result<Self, RigError> {
-        let text = match name {
+        Self::parse(Self::preset_file(name)?)
+    }
+
+    /// The rig file of the preset called `name`, as it stands in `config/rigs/`.
+    pub fn preset_file(name: &str) -> Result<&'static str, RigError> {
+        Ok(match name {
             "panoramic" => include_str!("../../config/rigs/panoramic.toml"),
             "phantom4-rtk" => include_str!("../../config/rigs/phantom4-rtk.toml"),
             "m300-oblique" => include_str!("../../config/rigs/m300-oblique.toml"),
             "mavic3e" => include_str!("../../config/rigs/mavic3e.toml"),
             _ => return Err(RigError::Unknown(name.to_owned())),
-        };
-        Self::parse(text)
+        })
     }
 
     /// The rig that a file describes. Every number is checked.
     pub fn parse(text: &str) -> Result<Self, RigError> {
-        let file: RigFile = toml::from_str(text).map_err(|error| RigError::Syntax(error.to_string()))?;
+        let file: RigFile = toml::from_str(text).map_err(|error| RigError::Syntax(error.to_string().trim_end().to_owned()))?;
         file.check().and_then(|()| file.rig()).map_err(|fault| RigError::Impossible { rig: file.name.clone(), fault })
     }
 

@@ -11,19 +11,21 @@ use super::failure::Failure;
 use super::interrupt::Interrupts;
 use super::outputs::{self, FileNames, Flight, Folder};
 use super::progress::Meter;
+use super::rig_file::GivenRig;
 use super::shortfall::{self, Heights};
-use super::{daemon, import_lines, in_process, settings_file};
+use super::{daemon, import_lines, in_process, rig_file, settings_file};
 use crate::mission::run_json::Engine;
 use crate::planner::{PlanOptions, StopToken};
 use crate::trajectory::plan::StopReason;
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
-    let options = in_process::options(&arguments.order)?;
+    let given = rig_file::read(&arguments.order.rig)?;
+    let options = in_process::options(&arguments.order, &given.rig)?;
     let scene = &arguments.scene;
     if Path::new(scene).is_file() || looks_like_path(scene) {
         plan_file(arguments, &options, form)
     } else {
-        plan_loaded(arguments, form)
+        plan_loaded(arguments, &given, form)
     }
 }
 
@@ -65,7 +67,7 @@ fn plan_file(arguments: &PlanArgs, options: &PlanOptions, form: Form) -> Result<
     Ok(answer(&flight, &files, asked))
 }
 
-fn plan_loaded(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
+fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Answer, Failure> {
     refuse_file_options(arguments)?;
     let domain = arguments.reach.domain.clone();
     let client = daemon::connect(domain.as_deref()).map_err(|failure| neither(&arguments.scene, failure))?;
@@ -73,7 +75,7 @@ fn plan_loaded(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
     let mut meter = Meter::new(form);
     let scene = arguments.scene.clone();
     let interrupts = Interrupts::first(form, move || daemon::cancel(domain.as_deref(), &scene));
-    let message = client.plan(&arguments.scene, &daemon::order(&arguments.order)?, &mut |note| meter.note(note))?;
+    let message = client.plan(&arguments.scene, &daemon::order(&arguments.order, given), &mut |note| meter.note(note))?;
     drop(interrupts);
     let asked = arguments.order.iterations.or(meter.asked());
     drop(meter);

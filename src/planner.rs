@@ -104,7 +104,9 @@ pub enum PlanError {
          degrees, or no view"
     )]
     StartView { rig: String, pitch_deg: f64, least_deg: f64, most_deg: f64 },
-    #[error("the rig {rig:?} has no gimbal that could be given a view at the start; give none, or a rig with one camera on a gimbal")]
+    #[error(
+        "the rig {rig:?} has no gimbal that could be given a view at the start; give none, or a rig with one camera on a gimbal"
+    )]
     NoGimbal { rig: String },
     #[error("{iterations} iterations were asked for; the most is {most}", most = MOST_ITERATIONS)]
     Iterations { iterations: u32 },

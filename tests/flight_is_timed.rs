@@ -32,7 +32,9 @@ fn images_are_taken_one_after_the_other_and_the_last_one_at_the_end_of_the_fligh
         for exposure in &exposures {
             // The shutters of all cameras are released together.
             assert!(exposure.iter().enumerate().all(|(camera, image)| image.camera as usize == camera));
-            assert!(exposure.iter().all(|image| (image.time_s, image.position_m) == (exposure[0].time_s, exposure[0].position_m)));
+            assert!(
+                exposure.iter().all(|image| (image.time_s, image.position_m) == (exposure[0].time_s, exposure[0].position_m))
+            );
         }
         for pair in exposures.windows(2) {
             let (before, after) = (&pair[0][0], &pair[1][0]);

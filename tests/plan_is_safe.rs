@@ -182,7 +182,8 @@ fn a_view_at_the_start_is_flown_or_refused() {
         assert!(matches!(error, PlanError::StartView { .. }) && error.to_string().contains("narrow"), "{error}");
     }
     for rigid in ["panoramic", "m300-oblique"].map(|name| Rig::preset(name).unwrap()) {
-        let error = plan(&snapshot, &settings, &options(&rigid, -35.0), &StopToken::default(), &mut |_| {}).expect_err("no gimbal");
+        let error =
+            plan(&snapshot, &settings, &options(&rigid, -35.0), &StopToken::default(), &mut |_| {}).expect_err("no gimbal");
         assert!(matches!(error, PlanError::NoGimbal { .. }) && error.to_string().contains(&rigid.name), "{error}");
     }
 }

@@ -65,7 +65,9 @@ impl Battery {
 pub enum RigError {
     #[error("there is no rig {0:?}; known rigs: {known}; or give a rig file ending with .toml", known = Rig::PRESETS.join(", "))]
     Unknown(String),
-    #[error("the rig file cannot be read as TOML of a rig: {0}\n`overfly rigs phantom4-rtk` prints a rig file to begin with; `config/rigs/` holds more")]
+    #[error(
+        "the rig file cannot be read as TOML of a rig: {0}\n`overfly rigs phantom4-rtk` prints a rig file to begin with; `config/rigs/` holds more"
+    )]
     Syntax(String),
     #[error("the rig {rig:?} cannot be flown: {fault}")]
     Impossible { rig: String, fault: String },

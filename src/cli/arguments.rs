@@ -348,8 +348,10 @@ pub struct GenerateArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "A rig is the cameras of a drone. A file of the same form describes another one; its comments say what the keys mean.\n\n\
-    Example:\n  overfly rigs phantom4-rtk > my-drone.toml   # change focal length, sensor, gimbal, battery\n  overfly plan town.geojson --rig my-drone.toml")]
+#[command(
+    after_help = "A rig is the cameras of a drone. A file of the same form describes another one; its comments say what the keys mean.\n\n\
+    Example:\n  overfly rigs phantom4-rtk > my-drone.toml   # change focal length, sensor, gimbal, battery\n  overfly plan town.geojson --rig my-drone.toml"
+)]
 pub struct RigsArgs {
     /// Print the rig file of this preset
     pub name: Option<String>,

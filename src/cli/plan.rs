@@ -63,7 +63,7 @@ fn plan_file(arguments: &PlanArgs, options: &PlanOptions, form: Form) -> Result<
         None => Vec::new(),
     };
     let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
-    remark_shortfall(&flight, &format!("overfly plan {}", arguments.scene), Some(&heights), form);
+    remark_shortfall(&flight, &command(&arguments.scene, &arguments.order.rig), Some(&heights), form);
     Ok(answer(&flight, &files, asked))
 }
 
@@ -87,9 +87,14 @@ fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Ans
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
-    let command = format!("overfly plan {}", arguments.scene);
-    remark_shortfall(&flight, &command, daemon::heights(&client, &plan).as_ref(), form);
+    remark_shortfall(&flight, &command(&arguments.scene, &arguments.order.rig), daemon::heights(&client, &plan).as_ref(), form);
     Ok(answer(&flight, &files, asked))
+}
+
+/// The command for another plan of the same scene with the same rig, as it is typed.
+pub fn command(scene: &str, rig: &str) -> String {
+    let rig = if rig == "panoramic" { String::new() } else { format!(" --rig {rig}") };
+    format!("overfly plan {scene}{rig}")
 }
 
 /// What a command answers that ends with one plan; `asked` are the iterations that the search was to make, where they are known.

@@ -21,7 +21,9 @@ pub fn run(arguments: &RigsArgs) -> Result<Answer, Failure> {
 fn row(rig: &Rig) -> Vec<String> {
     let [cameras, pitch] = match &rig.cameras {
         Cameras::Panoramic { .. } => ["all directions".to_owned(), "any".to_owned()],
-        Cameras::Gimbal { .. } => ["1 on a gimbal".to_owned(), pitch_deg(rig).map(|[low, high]| format!("{low:.0} to {high:.0}")).unwrap_or_default()],
+        Cameras::Gimbal { .. } => {
+            ["1 on a gimbal".to_owned(), pitch_deg(rig).map(|[low, high]| format!("{low:.0} to {high:.0}")).unwrap_or_default()]
+        }
         Cameras::Rigid(mounts) => [format!("{} bolted on", mounts.len()), "fixed".to_owned()],
     };
     let fov = fov_deg(rig).map_or("-".to_owned(), |[width, height]| format!("{width:.1} x {height:.1}"));

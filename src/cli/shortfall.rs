@@ -56,10 +56,14 @@ fn low_ceiling(plan: &Plan, heights: Option<&Heights>) -> Option<String> {
         return None;
     }
     let mut note = format!(
-        "note: all admissible views of the rig {:?} together capture {reachable:.1} % of the exposed surface, so no plan captures more. Another \
-         rig (`--rig`; `overfly rigs` lists some) may see more of it, a lower `coverage.threshold_percent` asks for less",
+        "note: all admissible views of the rig {:?} together capture {reachable:.1} % of the exposed surface, so no plan captures more; a \
+         lower `coverage.threshold_percent` asks for less",
         plan.rig
     );
+    // Nothing sees more than a panorama does.
+    if plan.cameras.iter().any(|camera| camera.intrinsics.is_some()) {
+        note.push_str(", another rig may see more (`--rig`; `overfly rigs` lists some)");
+    }
     if let Some(heights) = heights.filter(|heights| heights.tallest_m > heights.highest_view_m) {
         let ceiling = match heights.legal_ceiling_m {
             Some(ceiling_m) => format!("the legal ceiling is {ceiling_m:.0} m (`flight.legal_ceiling_m`)"),

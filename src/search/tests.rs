@@ -87,10 +87,13 @@ fn brute_force(problem: &Problem, path: &[Pose]) -> (PathSums, u32, Vec<u128>) {
 fn is_admissible(problem: &Problem, settings: &Settings, from: &Pose, to: &Pose) -> bool {
     let Cameras::Gimbal { sin_pitch, .. } = &problem.rig.cameras else { return true };
     let (first, last) = (from.direction.expect("a direction"), to.direction.expect("a direction"));
-    let slowest_rad_s =
-        [settings.dynamics.yaw_rate_dps.to_radians(), settings.dynamics.gimbal_rate_dps.to_radians(), problem.rig.blur_limit_rad_s]
-            .into_iter()
-            .fold(f64::INFINITY, f64::min);
+    let slowest_rad_s = [
+        settings.dynamics.yaw_rate_dps.to_radians(),
+        settings.dynamics.gimbal_rate_dps.to_radians(),
+        problem.rig.blur_limit_rad_s,
+    ]
+    .into_iter()
+    .fold(f64::INFINITY, f64::min);
     let leg_m = (to.position - from.position).norm();
     let most_rad = (slowest_rad_s * leg_m / settings.flight.cruise_speed_mps).min(settings.search.view_turn_deg.to_radians());
     let images = (leg_m / problem.image_spacing_m).floor().max(1.0) as usize;
@@ -234,7 +237,7 @@ fn the_ceilings_of_a_rig_are_those_of_all_its_views_from_all_viewpoints() {
     }
     let capturable = |rig: Rig| Problem::new(&snapshot, &settings, rig).capturable;
     let counts: Vec<u32> = rigs().into_iter().map(capturable).collect();
-    assert!(counts[0] > counts[2] && counts[1] > counts[4], "a rig that sees less captures less: {counts:?}");
+    assert!(counts[0] > counts[2] && counts[1..].iter().all(|count| *count <= counts[0]), "{counts:?}");
 }
 
 /// Whether a camera frames what lies in the direction `towards`, by the angles of its field of view.

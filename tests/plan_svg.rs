@@ -128,11 +128,12 @@ fn a_camera_on_a_gimbal_has_wedges_in_its_view_directions_and_other_rigs_have_no
     plan.cameras[0].intrinsics = Some(intrinsics);
     plan.metrics.battery_percent = Some(61.7);
     plan.images[3].selected = false;
-    let mut look = |direction: Vector3<f64>| {
+    let look = |direction: Vector3<f64>| {
+        let mut plan = plan.clone();
         let direction = Some(Unit::new_normalize(direction));
         plan.waypoints.iter_mut().for_each(|waypoint| waypoint.direction = direction);
         plan.images.iter_mut().for_each(|image| image.direction = direction);
-        plan.clone()
+        plan
     };
     // East lies to the right on the sheet, north upwards.
     let (level, text) = views(&look(Vector3::new(1.0, 0.0, 0.0)));

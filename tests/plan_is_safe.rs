@@ -67,8 +67,12 @@ proptest! {
     #[test]
     fn no_camera_turns_beyond_its_gimbal_or_faster_than_its_limits(block in 0u64..4, seed in 0u64..1000) {
         let mut settings = small_settings();
-        // On long legs the widest turn is what binds, on short ones the rates.
-        settings.search.view_turn_deg = 60.0;
+        // Now the widest turn is what binds, now a slow gimbal, now the shutter.
+        match seed % 3 {
+            0 => settings.search.view_turn_deg = 60.0,
+            1 => settings.dynamics.gimbal_rate_dps = 8.0,
+            _ => settings.dynamics.yaw_rate_dps = 20.0,
+        }
         let snapshot = snapshot(&session(small_block(block), &settings));
         for rig in rigs() {
             let plan = plan_with(&rig, &snapshot, &settings, seed);

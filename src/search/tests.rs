@@ -13,7 +13,7 @@ use super::outcome::StopReason;
 use super::problem::Problem;
 use super::rrt_star::{expand, rewire_tree, search};
 use super::tree::Tree;
-use crate::camera::{Cameras, Pose, Rig};
+use crate::camera::{Cameras, Pose, Rig, direction_of};
 use crate::coverage::Mask;
 use crate::field::Snapshot;
 use crate::scene::{BlockSettings, generate_block};
@@ -44,7 +44,10 @@ fn rigs() -> Vec<Rig> {
 }
 
 fn root(problem: &Problem) -> Pose {
-    Pose { position: problem.field.viewpoints[0].position_m.into(), direction: problem.rig.pose_directions()[0] }
+    // A direction that is none of the discretised ones, as a user may give it: the next waypoints may keep it.
+    let given = problem.rig.has_gimbal().then(|| direction_of(10.0, -30.0));
+    let direction = given.or(problem.rig.pose_directions()[0]);
+    Pose { position: problem.field.viewpoints[0].position_m.into(), direction }
 }
 
 fn grown<'p, 'a>(problem: &'p Problem<'a>, seed: u64, iterations: usize) -> Tree<'p, 'a> {
@@ -232,6 +235,8 @@ fn the_ceilings_of_a_rig_are_those_of_all_its_views_from_all_viewpoints() {
             assert_eq!(u32::from(problem.ceilings[i]), union.count_ones(), "sample {i} by {}", rig.name);
         }
         let threshold = problem.field.facts.threshold_cells;
+        let is_above = |i: usize| u32::from(problem.ceilings[i]) > threshold;
+        assert!((0..problem.frames.len()).all(|i| problem.is_capturable(i) == is_above(i)));
         let capturable = problem.ceilings.iter().filter(|&&cells| u32::from(cells) > threshold).count();
         assert_eq!(problem.capturable as usize, capturable);
     }

@@ -44,7 +44,7 @@ pub fn rig_options(rig: &str, seed: u64, iterations: u32) -> PlanOptions {
 /// The presets, and a camera whose gimbal turns neither to the horizon nor straight down.
 pub fn rigs() -> Vec<Rig> {
     let phantom = include_str!("../../config/rigs/phantom4-rtk.toml");
-    let narrow = phantom.replace("[-90.0, 30.0]", "[-60.0, -10.0]").replace("\"phantom4-rtk\"", "\"narrow\"");
+    let narrow = phantom.replace("[-90.0, 30.0]", "[-52.0, -12.0]").replace("\"phantom4-rtk\"", "\"narrow\"");
     let presets = Rig::PRESETS.into_iter().map(|name| Rig::preset(name).expect("a preset"));
     presets.chain([Rig::parse(&narrow).expect("a rig")]).collect()
 }

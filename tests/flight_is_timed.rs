@@ -39,6 +39,8 @@ fn images_are_taken_one_after_the_other_and_the_last_one_at_the_end_of_the_fligh
         for pair in exposures.windows(2) {
             let (before, after) = (&pair[0][0], &pair[1][0]);
             assert!(after.time_s > before.time_s, "{} s, then {} s", before.time_s, after.time_s);
+            let apart_m = (after.position_m - before.position_m).norm();
+            assert!(apart_m > settings.search.image_spacing_m - 1e-6, "{apart_m} m apart");
         }
         let last_s = exposures[exposures.len() - 1][0].time_s;
         assert!((last_s - plan.metrics.profile_s).abs() < 1e-9, "{last_s} s of {} s", plan.metrics.profile_s);

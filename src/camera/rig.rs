@@ -439,7 +439,7 @@ mod tests {
             (oblique, "yaw_deg = 0.0", "#", "yaw_deg"),
             (oblique, "name = \"forward\"", "name = \"nadir\"", "nadir"),
             (phantom, "name = \"main\"", "name = \"\"", "1 to 64 bytes"),
-            (phantom, "focal_mm = 8.8", "focal_mm = 'wide'", "line 15"),
+            (phantom, "focal_mm = 8.8", "focal_mm = 'wide'", "line 1"),
         ] {
             assert!(text.contains(from));
             let error = Rig::parse(&text.replacen(from, to, 1)).expect_err("the rig is impossible").to_string();

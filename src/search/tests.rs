@@ -100,7 +100,7 @@ fn is_admissible(problem: &Problem, settings: &Settings, from: &Pose, to: &Pose)
     let leg_m = (to.position - from.position).norm();
     let most_rad = (slowest_rad_s * leg_m / settings.flight.cruise_speed_mps).min(settings.search.view_turn_deg.to_radians());
     let images = (leg_m / problem.image_spacing_m).floor().max(1.0) as usize;
-    let pitch_of = |share: f64| first.slerp(&last, share).z.asin();
+    let pitch_of = |share: f64| first.slerp(&last, share).z.clamp(-1.0, 1.0).asin();
     let [low, high] = sin_pitch.map(f64::asin);
     first.angle(&last) <= most_rad + 1e-9
         && (1..=images).map(|k| pitch_of(k as f64 / images as f64)).all(|pitch| (low - 1e-6..=high + 1e-6).contains(&pitch))

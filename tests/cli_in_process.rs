@@ -318,6 +318,13 @@ fn run_json_holds_what_repeats_the_run() {
     let run: Value = serde_json::from_slice(&place.read("out/run.json")).unwrap();
     assert_eq!(run["settings"], serde_json::json!({ "surface": { "samples": 150 } }));
     assert_eq!((&run["order"]["seed"], &run["order"]["iterations"]), (&9.into(), &30.into()));
+    assert!(run["order"]["rig_file"].is_null(), "a preset needs no file");
+
+    let file = stdout(&place.run(&["rigs", "mavic3e"])).trim_end().to_owned();
+    std::fs::write(place.path("my-rig.toml"), &file).unwrap();
+    place.json(&["plan", &scene, "--iterations", "5", "--rig", "my-rig.toml", "--look", "90,-30", "--out", "out"]);
+    let run: Value = serde_json::from_slice(&place.read("out/run.json")).unwrap();
+    assert_eq!((&run["order"]["rig_file"], &run["order"]["start_view_deg"]), (&file.into(), &serde_json::json!([90.0, -30.0])));
 }
 
 /// The signal is sent as soon as the process catches it: then it is either a plan with a note or the word that there is none yet.

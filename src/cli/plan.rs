@@ -23,7 +23,7 @@ pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
     let options = in_process::options(&arguments.order, &given.rig)?;
     let scene = &arguments.scene;
     if Path::new(scene).is_file() || looks_like_path(scene) {
-        plan_file(arguments, &options, form)
+        plan_file(arguments, &given, &options, form)
     } else {
         plan_loaded(arguments, &given, form)
     }
@@ -35,7 +35,7 @@ fn looks_like_path(scene: &str) -> bool {
     scene.contains('/') || [".geojson", ".json", ".obj"].iter().any(|ending| lower.ends_with(ending))
 }
 
-fn plan_file(arguments: &PlanArgs, options: &PlanOptions, form: Form) -> Result<Answer, Failure> {
+fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form: Form) -> Result<Answer, Failure> {
     let settings = Arc::new(settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?);
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let mut meter = Meter::new(form);
@@ -55,7 +55,7 @@ fn plan_file(arguments: &PlanArgs, options: &PlanOptions, form: Form) -> Result<
         engine: Engine::InProcess,
         edit_to_plan_s: None,
         import: serde_json::to_value(&planned.report).ok(),
-        order: Some(order_json(&arguments.order)),
+        order: Some(order_json(&arguments.order, given)),
         settings: settings_file::differing(&settings),
     };
     let files = match &arguments.out {
@@ -80,7 +80,7 @@ fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Ans
     let asked = arguments.order.iterations.or(meter.asked());
     drop(meter);
     let (plan, times) = daemon::plan_of(&message)?;
-    let flight = Flight { order: Some(order_json(&arguments.order)), ..daemon::flight(&plan, times, None, None) };
+    let flight = Flight { order: Some(order_json(&arguments.order, given)), ..daemon::flight(&plan, times, None, None) };
     let mut files = Vec::new();
     if let Some(folder) = &arguments.out {
         let (written, remark) = daemon::write(&client, folder, &FileNames::of_plan(), &flight)?;
@@ -122,9 +122,10 @@ pub fn remark_shortfall(flight: &Flight, command: &str, heights: Option<&Heights
     }
 }
 
-fn order_json(order: &OrderArgs) -> Value {
+fn order_json(order: &OrderArgs, given: &GivenRig) -> Value {
     json!({
         "rig": order.rig,
+        "rig_file": given.text,
         "method": order.method,
         "seed": order.seed,
         "iterations": order.iterations,

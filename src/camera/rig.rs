@@ -65,7 +65,9 @@ impl Battery {
 pub enum RigError {
     #[error("there is no rig {0:?}; known rigs: {known}; or give a rig file ending with .toml", known = Rig::PRESETS.join(", "))]
     Unknown(String),
-    #[error("the rig file cannot be read as TOML of a rig: {0}; `config/rigs/` holds examples")]
+    #[error(
+        "the rig file cannot be read as TOML of a rig: {0}; `overfly rigs phantom4-rtk` prints a rig file to begin with; `config/rigs/` holds more"
+    )]
     Syntax(String),
     #[error("the rig {rig:?} cannot be flown: {fault}")]
     Impossible { rig: String, fault: String },
@@ -88,22 +90,26 @@ impl Rig {
     /// Names of the presets.
     pub const PRESETS: [&str; 4] = ["panoramic", "phantom4-rtk", "m300-oblique", "mavic3e"];
 
-    /// The preset called `name`; the files stand in `config/rigs/`.
+    /// The preset called `name`.
     pub fn preset(name: &str) -> Result<Self, RigError> {
-        let text = match name {
+        Self::parse(Self::preset_file(name)?)
+    }
+
+    /// The rig file of the preset called `name`, as it stands in `config/rigs/`.
+    pub fn preset_file(name: &str) -> Result<&'static str, RigError> {
+        Ok(match name {
             "panoramic" => include_str!("../../config/rigs/panoramic.toml"),
             "phantom4-rtk" => include_str!("../../config/rigs/phantom4-rtk.toml"),
             "m300-oblique" => include_str!("../../config/rigs/m300-oblique.toml"),
             "mavic3e" => include_str!("../../config/rigs/mavic3e.toml"),
             _ => return Err(RigError::Unknown(name.to_owned())),
-        };
-        Self::parse(text)
+        })
     }
 
     /// The rig that a file describes. Every number is checked.
     pub fn parse(text: &str) -> Result<Self, RigError> {
-        let file: RigFile = toml::from_str(text).map_err(|error| RigError::Syntax(error.to_string()))?;
-        file.check().and_then(|()| file.rig()).map_err(|fault| RigError::Impossible { rig: file.name.clone(), fault })
+        let file: RigFile = toml::from_str(text).map_err(|error| syntax(text, &error))?;
+        file.check().and_then(|()| file.rig()).map_err(|fault| RigError::Impossible { rig: shortened(&file.name), fault })
     }
 
     /// Whether a waypoint has a view direction of its own, which turns along the legs (section 5.4).
@@ -264,8 +270,14 @@ impl RigFile {
             let fits = (least..=most).contains(&value);
             if fits { Ok(()) } else { Err(format!("`{what}` is {value}, but must lie between {least} and {most}")) }
         };
-        if self.name.trim().is_empty() || self.name.len() > 64 || self.name.chars().any(char::is_control) {
+        if !is_plain(&self.name) {
             return Err("`name` must have 1 to 64 bytes and no control characters".to_owned());
+        }
+        for (index, camera) in self.camera.iter().enumerate() {
+            if !is_plain(&camera.name) || self.camera[..index].iter().any(|other| other.name == camera.name) {
+                let name = shortened(&camera.name);
+                return Err(format!("`name` of camera {name:?} must be its own, with 1 to 64 bytes and no control characters"));
+            }
         }
         range("shutter_interval_s", self.shutter_interval_s, 0.05, 60.0)?;
         for camera in &self.camera {
@@ -331,6 +343,21 @@ impl RigFile {
         let sin_pitch = gimbal.pitch_deg.map(|pitch_deg| libm::sin(pitch_deg.to_radians()));
         Ok(Cameras::Gimbal { name: camera.name.clone(), intrinsics: camera.intrinsics(), sin_pitch })
     }
+}
+
+fn is_plain(name: &str) -> bool {
+    !name.trim().is_empty() && name.len() <= 64 && !name.chars().any(char::is_control)
+}
+
+/// Text of a file as it may stand in a message: somebody else may have written it.
+fn shortened(text: &str) -> String {
+    text.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+fn syntax(text: &str, error: &toml::de::Error) -> RigError {
+    let before = error.span().map_or(0, |span| span.start.min(text.len()));
+    let line = text.as_bytes()[..before].iter().filter(|&&byte| byte == b'\n').count() + 1;
+    RigError::Syntax(format!("line {line}: {}", shortened(error.message())))
 }
 
 impl CameraEntry {
@@ -429,6 +456,9 @@ mod tests {
             (phantom, "shutter_interval_s = 1.0", "shutter_interval_s = -1.0", "shutter_interval_s"),
             (oblique, "pitch_deg = -90.0", "pitch_deg = -91.0", "pitch_deg"),
             (oblique, "yaw_deg = 0.0", "#", "yaw_deg"),
+            (oblique, "name = \"forward\"", "name = \"nadir\"", "nadir"),
+            (phantom, "name = \"main\"", "name = \"\"", "1 to 64 bytes"),
+            (phantom, "focal_mm = 8.8", "focal_mm = 'wide'", "line 1"),
         ] {
             assert!(text.contains(from));
             let error = Rig::parse(&text.replacen(from, to, 1)).expect_err("the rig is impossible").to_string();

@@ -18,6 +18,7 @@ mod plan;
 mod private_daemon;
 mod progress;
 mod rig_file;
+mod rigs;
 mod scene;
 mod serve;
 mod settings_file;
@@ -69,6 +70,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Stop(reach) => status::stop(reach).map(Some),
         Command::Bench(arguments) => bench::run(arguments, form).map(Some),
         Command::Generate(arguments) => generate::run(arguments, form).map(Some),
+        Command::Rigs(arguments) => rigs::run(arguments).map(Some),
     }
 }
 

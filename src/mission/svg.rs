@@ -11,6 +11,7 @@ mod sheet;
 mod side_view;
 mod thin;
 mod top_view;
+mod views;
 pub mod walls;
 
 use overfly_table::FieldTable;

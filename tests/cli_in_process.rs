@@ -12,8 +12,10 @@ fn help_teaches_with_examples_units_and_exit_codes() {
     for word in ["overfly demo", "overfly load town.geojson", "Exit codes", "  6  no plan", "metres"] {
         assert!(help.contains(word), "{word} is not in {help}");
     }
-    let commands =
-        ["demo", "serve", "load", "plan", "edit", "watch", "cancel", "unload", "status", "reload", "stop", "bench", "generate"];
+    let commands = [
+        "demo", "serve", "load", "plan", "evaluate", "edit", "watch", "cancel", "unload", "status", "reload", "stop", "bench",
+        "generate",
+    ];
     for command in commands {
         let output = place.run(&[command, "--help"]);
         assert!(output.status.success() && stdout(&output).contains("--json"), "{command}");

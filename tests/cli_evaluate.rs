@@ -87,6 +87,17 @@ fn a_truth_that_the_path_violates_is_told_and_no_error() {
 }
 
 #[test]
+fn settings_that_only_the_plan_had_are_pointed_out() {
+    let place = planned();
+    std::fs::write(place.path("wide.toml"), "[coverage]\nrange_m = 100.0\n").unwrap();
+    place.json(&["plan", "town.geojson", "--iterations", "20", "--config", "wide.toml", "--out", "wide"]);
+    let notes =
+        |words: &[&str]| place.json(&[&["evaluate", "wide/plan.json", "--samples", "200"], words].concat())["notes"].to_string();
+    assert!(notes(&[]).contains("--config"), "{}", notes(&[]));
+    assert!(!notes(&["--config", "wide.toml"]).contains("--config"));
+}
+
+#[test]
 fn inputs_that_do_not_fit_are_refused_with_the_remedy() {
     let place = planned();
     let refused = |words: &[&str], named: &[&str]| {

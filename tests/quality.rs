@@ -201,6 +201,20 @@ fn fewer_images_see_no_more() {
 }
 
 #[test]
+fn a_scene_that_is_nearly_all_buried_takes_no_more_memory_than_others() {
+    let mut scene = slab(10.0);
+    for index in 0..300 {
+        let name = format!("buried {index}");
+        let Shape::Prism { footprint, .. } = slab(9.0).structures[0].shape.clone() else { unreachable!() };
+        let shape = Shape::Prism { footprint: geo::Scale::scale(&footprint, 0.9), base_m: 1.0, top_m: 9.0 };
+        scene.structures.push(Arc::new(Structure { id: StructureId::of_name(&name), name, shape }));
+    }
+    let samples = truth(scene, &settings(500)).samples().len();
+    // The slab has 4800 m^2 besides its underside, of 300 times 3750 m^2: ten times the target in all leaves about 20 for it.
+    assert!((1..100).contains(&samples), "{samples} samples");
+}
+
+#[test]
 fn a_stopped_assessment_has_no_result() {
     let settings = settings(100);
     let truth = truth(slab(10.0), &settings);

@@ -188,7 +188,7 @@ fn key(sheet: &Sheet, drawn: &Drawn) -> Group {
     });
     let row = |index: usize| DRAWING_TOP + 88.0 + 26.0 * index as f64;
     let mut group = pen::group("legend")
-        .add(legend::ramp([left, DRAWING_TOP], "Predicted deviation along the normal, mm", "ramp-deviation", labels.into_iter()))
+        .add(legend::ramp([left, DRAWING_TOP], "Deviation along the normal, mm", "ramp-deviation", labels.into_iter()))
         .add(pen::dots([[left + 8.0, row(0)]], 6.0, colour::NOT_RECONSTRUCTED))
         .add(pen::dots([[left + 8.0, row(1)]], 6.0, colour::NOT_SEEN))
         .add(pen::line([left, row(2)], [left + 22.0, row(2)], colour::INK, 1.0))

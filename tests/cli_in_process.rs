@@ -13,7 +13,8 @@ fn help_teaches_with_examples_units_and_exit_codes() {
         assert!(help.contains(word), "{word} is not in {help}");
     }
     let commands = [
-        "demo", "serve", "load", "plan", "edit", "watch", "cancel", "unload", "status", "reload", "stop", "bench", "generate",
+        "demo", "serve", "load", "plan", "evaluate", "edit", "watch", "cancel", "unload", "status", "reload", "stop", "bench",
+        "generate",
         "rigs",
     ];
     for command in commands {

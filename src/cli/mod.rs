@@ -6,6 +6,7 @@ mod bench;
 mod daemon;
 mod demo;
 mod edit;
+mod evaluate;
 mod failure;
 mod generate;
 mod import_lines;
@@ -61,6 +62,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Serve(arguments) => serve::run(arguments).map(|()| None),
         Command::Load(arguments) => load::run(arguments, form).map(Some),
         Command::Plan(arguments) => plan::run(arguments, form).map(Some),
+        Command::Evaluate(arguments) => evaluate::run(arguments, form).map(Some),
         Command::Edit(arguments) => edit::run(arguments, form).map(Some),
         Command::Watch(arguments) => watch::run(arguments, form).map(|()| None),
         Command::Cancel(arguments) => scene::cancel(arguments).map(Some),

@@ -14,8 +14,7 @@ fn help_teaches_with_examples_units_and_exit_codes() {
     }
     let commands = [
         "demo", "serve", "load", "plan", "evaluate", "edit", "watch", "cancel", "unload", "status", "reload", "stop", "bench",
-        "generate",
-        "rigs",
+        "generate", "rigs",
     ];
     for command in commands {
         let output = place.run(&[command, "--help"]);

@@ -105,6 +105,7 @@ impl Settings {
             ("field.most_viewpoints", f64::from(field.most_viewpoints), 1.0, 10_000_000.0),
             ("field.max_spacing_m", field.max_spacing_m, 1.0, 1000.0),
             ("field.shell_m", field.shell_m, 1.0, 1000.0),
+            ("coverage.sight_scale", coverage.sight_scale, 0.25, 4.0),
             ("coverage.theta0_deg", coverage.theta0_deg, 1.0, 89.0),
             ("coverage.full_disk_m", coverage.full_disk_m, 0.0, 10_000.0),
             ("coverage.falloff_m", coverage.falloff_m, 1.0, 100_000.0),

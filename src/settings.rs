@@ -169,6 +169,8 @@ pub struct ObjectiveSettings {
 pub struct SearchSettings {
     /// Iterations K of the main loop.
     pub iterations: u32,
+    /// Random locations that are looked at for one new node.
+    pub candidates: u32,
     /// Reconnections that one call of `Rewire_Tree` may make.
     pub rewirings: u32,
     /// Nodes that one call of `Rewire_Tree` may take from its queue.
@@ -265,7 +267,8 @@ impl Settings {
         let ratio = scale / coverage.sight_scale;
         // Nearsighted cameras come nearer, but the shell that they do it in still has to be as thick as streets are wide.
         let shell_ratio = scale.max(1.0) / coverage.sight_scale.max(1.0);
-        for distance_m in [&mut coverage.range_m, &mut coverage.full_disk_m, &mut coverage.falloff_m, &mut quality.smith_range_m] {
+        for distance_m in [&mut coverage.range_m, &mut coverage.full_disk_m, &mut coverage.falloff_m, &mut quality.smith_range_m]
+        {
             *distance_m *= ratio;
         }
         field.shell_m *= shell_ratio;

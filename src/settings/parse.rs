@@ -121,6 +121,7 @@ impl Settings {
             ("objective.turn_hairpin_s", objective.turn_hairpin_s, 0.0, 1000.0),
             ("objective.turn_curvature_s", objective.turn_curvature_s, 0.0, 1000.0),
             ("search.iterations", f64::from(search.iterations), 0.0, f64::from(MOST_ITERATIONS)),
+            ("search.candidates", f64::from(search.candidates), 1.0, 1000.0),
             ("search.neighbour_share", search.neighbour_share, 0.0, 1.0),
             ("search.neighbour_min_m", search.neighbour_min_m, 1.0, 10_000.0),
             ("search.neighbour_max_m", search.neighbour_max_m, 1.0, 10_000.0),

@@ -22,10 +22,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let mut meter = Meter::new(form);
     let (scene, _) = in_process::read_scene(&arguments.file, &settings)?;
     let snapshot = in_process::build_field(scene, &settings, &stop, &mut meter)?;
-    let options = PlanOptions {
-        iterations: arguments.iterations,
-        ..PlanOptions::new(rig, Method::Paper, 1)
-    };
+    let options = PlanOptions { iterations: arguments.iterations, ..PlanOptions::new(rig, Method::Paper, 1) };
     let (mut search_ms, mut check_ms, mut facts) = (Vec::new(), Vec::new(), Vec::new());
     for round in 1..=arguments.repeat {
         meter.stage(&format!("round {round} of {}", arguments.repeat));

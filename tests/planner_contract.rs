@@ -155,10 +155,10 @@ fn what_a_method_cannot_do_is_refused_with_the_remedy() {
     let mut dense = settings();
     dense.search.image_spacing_m = 0.5;
     dense.flight.cruise_speed_mps = 0.1;
-    dense.baseline.op_focal_mm = 100.0;
+    dense.baseline.op_focal_mm = 150.0;
     dense.baseline.op_side_overlap = 0.95;
     dense.baseline.op_forward_overlap = 0.95;
-    assert!(refusal(&dense, Method::Oblique, "phantom4-rtk").contains("baseline.op_focal_mm"));
+    assert!(refusal(&dense, Method::Oblique, "m300-oblique").contains("baseline.op_focal_mm"));
 }
 
 #[test]

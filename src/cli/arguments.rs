@@ -216,7 +216,7 @@ pub struct OrderArgs {
     /// Iterations of the tree search [default: the setting search.iterations, 400]
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
-    /// Start of the flight: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
+    /// Start of the flight, for the method `paper`; the others begin where their tour does: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub start: Option<Meters3>,
     /// Where the camera looks at the start, for a rig with a gimbal: azimuth clockwise from north and pitch up from the horizon, degrees
@@ -383,7 +383,7 @@ pub struct GenerateArgs {
     /// Seed of the block
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
     pub seed: u64,
-    /// Size of the block, m east and north; `428,302` with `--buildings 84 --tallest 95` is the paper's scene NY-1
+    /// Size of the block, m east and north; `428,302` with `--buildings 84 --tallest 95 --built 0.2` stands for the paper's scene NY-1
     #[arg(long, value_name = "X,Y", default_value = "300,300")]
     pub extent: Meters2,
     /// Number of building lots
@@ -392,6 +392,9 @@ pub struct GenerateArgs {
     /// Height of the tallest tower, m
     #[arg(long, value_name = "M", default_value_t = 90.0, value_parser = values::metres)]
     pub tallest: f64,
+    /// Share of the lots that are built on
+    #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
+    pub built: f64,
     /// File to write [default: standard output]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,

@@ -28,8 +28,6 @@ fn the_daemon_and_the_process_itself_write_the_same_plan() {
 fn every_rig_gives_the_same_plan_by_the_daemon_and_in_the_process_itself() {
     let place = Place::new();
     let scene = place.scene();
-    let _daemon = place.serve(&[]);
-    place.json(&["load", &scene]);
     let phantom = program::stdout(&place.run(&["rigs", "phantom4-rtk"]))
         .replace("[-90.0, 30.0]", "[-60.0, -10.0]")
         .replace("\"phantom4-rtk\"", "\"mine\"");
@@ -41,13 +39,27 @@ fn every_rig_gives_the_same_plan_by_the_daemon_and_in_the_process_itself() {
     for (rig, look) in [("phantom4-rtk", true), ("m300-oblique", false), ("mavic3e", true), (file.as_str(), true)] {
         let look = if look { ["--look", "200,-40"].as_slice() } else { &[] };
         let order = [&["--rig", rig, "--seed", "7", "--iterations", "40"], look].concat();
+        let _daemon = place.serve(&["--rig", rig]);
+        place.json(&["load", &scene]);
         place.json(&[&["plan", "town", "--out", "daemon"], order.as_slice()].concat());
         place.json(&[&["plan", &scene, "--out", "process"], order.as_slice()].concat());
-        assert_eq!(place.read("daemon/plan.json"), place.read("process/plan.json"), "{rig}");
+        assert!(place.read("daemon/plan.json") == place.read("process/plan.json"), "{rig}");
         assert_eq!(place.read("daemon/plan.svg"), place.read("process/plan.svg"), "{rig}");
         let plan: Value = serde_json::from_slice(&place.read("daemon/plan.json")).unwrap();
         assert!(plan["images"][0]["direction"].is_array() && plan["metrics"]["images"].as_u64().unwrap() > 5, "{rig}");
     }
+}
+
+#[test]
+fn a_daemon_that_serves_another_sight_says_so() {
+    let place = Place::new();
+    let _daemon = place.serve(&[]);
+    place.json(&["load", &place.scene()]);
+    let remark = || place.json(&["status"])["scenes"][0]["remark"].as_str().map(str::to_owned);
+    place.json(&["plan", "town", "--rig", "phantom4-rtk", "--iterations", "5"]);
+    assert_eq!(remark(), None);
+    place.json(&["plan", "town", "--rig", "m300-oblique", "--iterations", "5"]);
+    assert!(remark().is_some_and(|remark| remark.contains("serve --rig")), "{:?}", place.json(&["status"]));
 }
 
 #[test]

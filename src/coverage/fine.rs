@@ -89,7 +89,8 @@ mod tests {
                 by_coarse |= coarse.exact_mask(&sample, &view);
             }
             let apart = by_fine.reconstructability_percent() - reconstructability_percent(by_coarse);
-            prop_assert!(apart.abs() < 5.0, "{} points apart", apart);
+            // The error of 128 cells is one point (RMSE); its tail reaches five.
+            prop_assert!(apart.abs() < 7.5, "{} points apart", apart);
         }
     }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::values::{self, Degrees2, Meters2, Meters3, Outline};
+use crate::scene::degrade::Boundary;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -75,6 +76,8 @@ pub enum Command {
     Bench(BenchArgs),
     /// Write a generated city block as GeoJSON
     Generate(GenerateArgs),
+    /// Write a scene file as an imperfect proxy: wrong heights, dilated boundaries
+    Degrade(DegradeArgs),
 }
 
 /// Which daemon is meant.
@@ -340,6 +343,55 @@ pub struct GenerateArgs {
     /// File to write [default: standard output]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+}
+
+/// How far boundaries are dilated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum BoundaryDegree {
+    /// Not at all
+    Original,
+    /// 1 m
+    Minor,
+    /// 2 m
+    Medium,
+    /// 4 m
+    Rough,
+}
+
+impl From<BoundaryDegree> for Boundary {
+    fn from(degree: BoundaryDegree) -> Self {
+        match degree {
+            BoundaryDegree::Original => Self::Original,
+            BoundaryDegree::Minor => Self::Minor,
+            BoundaryDegree::Medium => Self::Medium,
+            BoundaryDegree::Rough => Self::Rough,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Structures keep their names and ids. Warns when the proxy is wrong by more than `flight.safety_distance_m`. Meshes are written as \
+    the prism over their outline.\n\nExample:\n  overfly degrade town.geojson --heights 20 --boundary medium --out rough-town.geojson"
+)]
+pub struct DegradeArgs {
+    /// Scene file
+    pub file: PathBuf,
+    /// Each height is off by up to so much, percent (0 to 90)
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_negative_numbers = true, value_parser = values::height_percent)]
+    pub heights: f64,
+    /// How far boundaries are moved outward
+    #[arg(long, value_enum, value_name = "DEGREE", default_value = "original")]
+    pub boundary: BoundaryDegree,
+    /// Seed of the heights
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
+    pub seed: u64,
+    /// GeoJSON file to write
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// TOML file whose keys replace the built-in values
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
 }
 
 #[cfg(test)]

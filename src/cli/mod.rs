@@ -4,6 +4,7 @@ mod answer;
 mod arguments;
 mod bench;
 mod daemon;
+mod degrade;
 mod demo;
 mod edit;
 mod failure;
@@ -69,6 +70,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Stop(reach) => status::stop(reach).map(Some),
         Command::Bench(arguments) => bench::run(arguments, form).map(Some),
         Command::Generate(arguments) => generate::run(arguments, form).map(Some),
+        Command::Degrade(arguments) => degrade::run(arguments, form).map(Some),
     }
 }
 

@@ -16,6 +16,7 @@ pub mod coverage;
 pub mod field;
 pub mod frame;
 pub mod planner;
+pub mod quality;
 pub mod scene;
 pub mod search;
 pub mod session;

@@ -24,6 +24,7 @@ pub struct Settings {
     pub coverage: CoverageSettings,
     pub objective: ObjectiveSettings,
     pub search: SearchSettings,
+    pub quality: QualitySettings,
     pub daemon: DaemonSettings,
 }
 
@@ -181,6 +182,24 @@ pub struct SearchSettings {
     pub memory_mb: u32,
     /// Most that the view of a camera on a gimbal turns on one leg, degrees; blur may allow less (section 5.4).
     pub view_turn_deg: f64,
+}
+
+/// Prediction of the reconstruction's quality: Error and Completeness in the form of the paper's Tables 2 and 3.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct QualitySettings {
+    /// Target number of exposed samples of the truth.
+    pub samples: u32,
+    /// Standard deviation of a matched image point, pixels.
+    pub pixel_noise_px: f64,
+    /// A view counts as matched when another view of the sample lies within these angles of it, degrees.
+    pub min_parallax_deg: f64,
+    pub max_parallax_deg: f64,
+    /// A sample is reconstructed when this many of its views are matched.
+    pub least_views: u32,
+    /// Reconstructability after Smith et al. 2018: the distance at which a view is worth nothing, m, and the sum to reach.
+    pub smith_range_m: f64,
+    pub smith_target: f64,
 }
 
 /// The resident daemon.

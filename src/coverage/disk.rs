@@ -28,12 +28,11 @@ impl SampleFrame {
 /// below the hemisphere (the projection in which all cells weigh the same), half-angles linearly.
 #[derive(Debug)]
 pub struct DiskModel {
-    settings: CoverageSettings,
+    shape: DiskShape,
     cells: Vec<Vector3<f64>>,
     masks: Vec<Mask>,
     /// Half-angle of a frontal disk by distance, rad, at equal steps up to the range.
     frontal: Vec<f64>,
-    min_cosine: f64,
     least_half_angle: f64,
     half_angle_step: f64,
 }
@@ -43,41 +42,25 @@ const GRID: usize = 64;
 const HALF_ANGLES: usize = 16;
 const DISTANCES: usize = 1024;
 
+/// Where disks lie and how large they are, whatever the cells that they are counted in.
+#[derive(Clone, Debug)]
+pub(super) struct DiskShape {
+    settings: CoverageSettings,
+    min_cosine: f64,
+}
+
 /// A view on a sample: local direction to the view and half-angle of its disk, rad.
-struct Disk {
+pub(super) struct Disk {
     direction: Vector3<f64>,
     half_angle: f64,
 }
 
-impl DiskModel {
+impl DiskShape {
     pub fn new(settings: &CoverageSettings) -> Self {
-        let min_cosine = libm::cos(settings.max_incidence_deg.to_radians());
-        let largest = settings.theta0_deg.to_radians();
-        let least_half_angle = half_angle(settings, settings.range_m, min_cosine);
-        let mut model = Self {
-            settings: settings.clone(),
-            cells: (0..CELLS).map(cell_direction).collect(),
-            masks: Vec::new(),
-            frontal: (0..=DISTANCES).map(|k| half_angle(settings, settings.range_m * k as f64 / DISTANCES as f64, 1.0)).collect(),
-            min_cosine,
-            least_half_angle,
-            half_angle_step: (largest - least_half_angle) / HALF_ANGLES as f64,
-        };
-        model.masks = model.tabulate();
-        model
+        Self { min_cosine: libm::cos(settings.max_incidence_deg.to_radians()), settings: settings.clone() }
     }
 
-    /// Range beyond which nothing is captured, m.
-    pub fn range_m(&self) -> f64 {
-        self.settings.range_m
-    }
-
-    /// Cells of the largest disk in the lookup table.
-    pub fn most_cells(&self) -> u32 {
-        self.masks.iter().map(|mask| mask.count_ones()).max().unwrap_or(0)
-    }
-
-    /// Whether a view from `view` could capture the sample if nothing stood between them: range and incidence.
+    /// Range and incidence.
     pub fn faces(&self, sample: &SampleFrame, view: &Point3<f64>) -> bool {
         let to_view = view - sample.position;
         let squared = to_view.norm_squared();
@@ -86,22 +69,9 @@ impl DiskModel {
         squared <= range * range && along > 0.0 && along * along >= self.min_cosine * self.min_cosine * squared
     }
 
-    /// Cells that a visible view from `view` covers, by the lookup table; empty out of range or too oblique.
-    pub fn mask(&self, sample: &SampleFrame, view: &Point3<f64>) -> Mask {
-        let by_table = |distance: f64, cosine: f64| {
-            let step = (distance * (DISTANCES as f64 / self.settings.range_m)) as usize;
-            self.frontal[step.min(DISTANCES)] * cosine.sqrt().sqrt()
-        };
-        let Some(disk) = self.disk(sample, view, by_table) else { return 0 };
-        let bin = |v: f64| (((v + 1.0) * (GRID as f64 / 2.0)) as usize).min(GRID - 1);
-        let radius = (((disk.half_angle - self.least_half_angle) / self.half_angle_step).max(0.0) as usize).min(HALF_ANGLES - 1);
-        self.masks[(radius * GRID + bin(disk.direction.y)) * GRID + bin(disk.direction.x)]
-    }
-
-    /// The same without the table's rounding, cell by cell: for reported figures and as the table's oracle.
-    pub fn exact_mask(&self, sample: &SampleFrame, view: &Point3<f64>) -> Mask {
-        let exactly = |distance, cosine| half_angle(&self.settings, distance, cosine);
-        self.disk(sample, view, exactly).map_or(0, |disk| self.cells_within(&disk))
+    /// The disk of a visible view, without a table's rounding; none out of range or too oblique.
+    pub fn exact(&self, sample: &SampleFrame, view: &Point3<f64>) -> Option<Disk> {
+        self.disk(sample, view, |distance, cosine| half_angle(&self.settings, distance, cosine))
     }
 
     fn disk(&self, sample: &SampleFrame, view: &Point3<f64>, half_angle: impl Fn(f64, f64) -> f64) -> Option<Disk> {
@@ -117,11 +87,67 @@ impl DiskModel {
             half_angle: half_angle(distance, cosine),
         })
     }
+}
+
+impl Disk {
+    /// Which of the cells lie within the disk, in their order.
+    pub fn covers<'a>(&self, cells: &'a [Vector3<f64>]) -> impl Iterator<Item = bool> + use<'a> {
+        let (direction, least) = (self.direction, libm::cos(self.half_angle));
+        cells.iter().map(move |cell| cell.dot(&direction) >= least)
+    }
+}
+
+impl DiskModel {
+    pub fn new(settings: &CoverageSettings) -> Self {
+        let shape = DiskShape::new(settings);
+        let largest = settings.theta0_deg.to_radians();
+        let least_half_angle = half_angle(settings, settings.range_m, shape.min_cosine);
+        let mut model = Self {
+            shape,
+            cells: (0..CELLS).map(cell_direction).collect(),
+            masks: Vec::new(),
+            frontal: (0..=DISTANCES).map(|k| half_angle(settings, settings.range_m * k as f64 / DISTANCES as f64, 1.0)).collect(),
+            least_half_angle,
+            half_angle_step: (largest - least_half_angle) / HALF_ANGLES as f64,
+        };
+        model.masks = model.tabulate();
+        model
+    }
+
+    /// Range beyond which nothing is captured, m.
+    pub fn range_m(&self) -> f64 {
+        self.shape.settings.range_m
+    }
+
+    /// Cells of the largest disk in the lookup table.
+    pub fn most_cells(&self) -> u32 {
+        self.masks.iter().map(|mask| mask.count_ones()).max().unwrap_or(0)
+    }
+
+    /// Whether a view from `view` could capture the sample if nothing stood between them: range and incidence.
+    pub fn faces(&self, sample: &SampleFrame, view: &Point3<f64>) -> bool {
+        self.shape.faces(sample, view)
+    }
+
+    /// Cells that a visible view from `view` covers, by the lookup table; empty out of range or too oblique.
+    pub fn mask(&self, sample: &SampleFrame, view: &Point3<f64>) -> Mask {
+        let by_table = |distance: f64, cosine: f64| {
+            let step = (distance * (DISTANCES as f64 / self.range_m())) as usize;
+            self.frontal[step.min(DISTANCES)] * cosine.sqrt().sqrt()
+        };
+        let Some(disk) = self.shape.disk(sample, view, by_table) else { return 0 };
+        let bin = |v: f64| (((v + 1.0) * (GRID as f64 / 2.0)) as usize).min(GRID - 1);
+        let radius = (((disk.half_angle - self.least_half_angle) / self.half_angle_step).max(0.0) as usize).min(HALF_ANGLES - 1);
+        self.masks[(radius * GRID + bin(disk.direction.y)) * GRID + bin(disk.direction.x)]
+    }
+
+    /// The same without the table's rounding, cell by cell: for reported figures and as the table's oracle.
+    pub fn exact_mask(&self, sample: &SampleFrame, view: &Point3<f64>) -> Mask {
+        self.shape.exact(sample, view).map_or(0, |disk| self.cells_within(&disk))
+    }
 
     fn cells_within(&self, disk: &Disk) -> Mask {
-        let least = libm::cos(disk.half_angle);
-        let covers = |cell: &Vector3<f64>| cell.dot(&disk.direction) >= least;
-        self.cells.iter().enumerate().filter(|(_, cell)| covers(cell)).fold(0, |mask, (k, _)| mask | 1 << k)
+        disk.covers(&self.cells).enumerate().fold(0, |mask, (k, covered)| mask | Mask::from(covered) << k)
     }
 
     fn tabulate(&self) -> Vec<Mask> {

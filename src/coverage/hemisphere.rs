@@ -13,8 +13,13 @@ pub type Mask = u128;
 /// The weight omega of Eq. 1 is cos(phi)/pi, phi from the normal. Cells of equal weight are cells of equal area on the unit
 /// disk below the hemisphere, here those of a sunflower spiral.
 pub fn cell_direction(k: usize) -> Vector3<f64> {
+    direction_among(k, CELLS)
+}
+
+/// Direction of cell `k` when a hemisphere has `cells` of them.
+pub(super) fn direction_among(k: usize, cells: usize) -> Vector3<f64> {
     let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    let u = (k as f64 + 0.5) / CELLS as f64;
+    let u = (k as f64 + 0.5) / cells as f64;
     let (sin, cos) = libm::sincos(k as f64 * golden_angle);
     Vector3::new(u.sqrt() * cos, u.sqrt() * sin, (1.0 - u).sqrt())
 }

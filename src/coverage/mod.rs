@@ -1,10 +1,12 @@
 //! Scene reconstructability: how much of the hemisphere over a surface sample a set of views covers (paper, section 4.1, Eq. 1 to 3).
 
 mod disk;
+mod fine;
 mod hemisphere;
 pub mod union;
 
 pub use disk::{DiskModel, SampleFrame};
+pub use fine::{FINE_CELLS, FineDisks, FineMask};
 pub use hemisphere::{CELLS, Mask, cell_direction};
 pub use union::Observations;
 

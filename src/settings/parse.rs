@@ -69,13 +69,19 @@ impl Settings {
             (self.flight.safety_distance_m, "flight.safety_distance_m", self.field.shell_m, "field.shell_m"),
             (self.coverage.full_disk_m, "coverage.full_disk_m", self.coverage.range_m, "coverage.range_m"),
             (self.search.neighbour_min_m, "search.neighbour_min_m", self.search.neighbour_max_m, "search.neighbour_max_m"),
+            (
+                self.quality.min_parallax_deg,
+                "quality.min_parallax_deg",
+                self.quality.max_parallax_deg,
+                "quality.max_parallax_deg",
+            ),
         ];
         let wrong = orders.into_iter().find(|(low, _, high, _)| low > high);
         wrong.map_or(Ok(()), |(_, lower, _, upper)| Err(SettingsError::Order { lower, upper }))
     }
 
     fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
-        let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, daemon } = self;
+        let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, quality, daemon } = self;
         vec![
             ("proxy.storey_height_m", proxy.storey_height_m, 1.0, 20.0),
             ("proxy.default_height_m", proxy.default_height_m, 1.0, 1000.0),
@@ -121,6 +127,13 @@ impl Settings {
             ("search.memory_mb", f64::from(search.memory_mb), 1.0, 1_000_000.0),
             ("search.image_spacing_m", search.image_spacing_m, 0.5, 1000.0),
             ("search.view_turn_deg", search.view_turn_deg, 0.0, 180.0),
+            ("quality.samples", f64::from(quality.samples), 1.0, 1_000_000.0),
+            ("quality.pixel_noise_px", quality.pixel_noise_px, 1e-3, 100.0),
+            ("quality.min_parallax_deg", quality.min_parallax_deg, 0.1, 170.0),
+            ("quality.max_parallax_deg", quality.max_parallax_deg, 0.1, 180.0),
+            ("quality.least_views", f64::from(quality.least_views), 2.0, 1000.0),
+            ("quality.smith_range_m", quality.smith_range_m, 1.0, 10_000.0),
+            ("quality.smith_target", quality.smith_target, 0.0, 1e6),
             ("daemon.memory_budget_mb", daemon.memory_budget_mb as f64, 1.0, 1e9),
             ("daemon.max_scene_mb", daemon.max_scene_mb as f64, 1.0, 4096.0),
             ("daemon.threads", f64::from(daemon.threads), 0.0, 1024.0),

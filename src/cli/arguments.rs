@@ -78,6 +78,8 @@ pub enum Command {
     Generate(GenerateArgs),
     /// Write a scene file as an imperfect proxy: wrong heights, dilated boundaries
     Degrade(DegradeArgs),
+    /// Plan and evaluate what the paper's tables and figures show, with the paper's own rows beside
+    Reproduce(ReproduceArgs),
 }
 
 /// Which daemon is meant.
@@ -388,6 +390,34 @@ pub struct DegradeArgs {
     pub seed: u64,
     /// GeoJSON file to write
     #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// TOML file whose keys replace the built-in values
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Writes reproduction.md, reproduction.json and the charts (fig9.svg, fig10.svg, convergence.svg) into DIR. Parts: table1, table2, \
+    table3, table4, table5, fig9, fig10, convergence, times, sweep; all but the sweep by default. The seeds are 1, 2, ...; everything but \
+    the times is the same on every run. Scenes that DIR does not hold are left out and named.\n\nExamples:\n  overfly reproduce\n  \
+    overfly reproduce --only table1,fig9 --out figures\n  overfly reproduce --only sweep --out sweep"
+)]
+pub struct ReproduceArgs {
+    /// Parts to reproduce, separated by commas [default: all but the sweep]
+    #[arg(long, value_name = "PARTS", value_delimiter = ',')]
+    pub only: Vec<String>,
+    /// Flights for each row: medians and ranges are of so many seeds
+    #[arg(long, value_name = "N", default_value_t = 5, allow_negative_numbers = true, value_parser = values::seeds)]
+    pub seeds: u32,
+    /// One seed and small sizes: shows whether everything runs, and nothing else
+    #[arg(long)]
+    pub quick: bool,
+    /// Folder that holds the real scenes, each in a folder of its name
+    #[arg(long, value_name = "DIR", env = "OVERFLY_SCENES", hide_env_values = true, default_value = "../shared/scenes")]
+    pub scenes: PathBuf,
+    /// Folder for the results; it is created
+    #[arg(long, value_name = "DIR", default_value = "tests/reproduction")]
     pub out: PathBuf,
     /// TOML file whose keys replace the built-in values
     #[arg(long, value_name = "FILE")]

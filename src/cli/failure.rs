@@ -10,6 +10,7 @@ use crate::camera::RigError;
 use crate::daemon::{ConfigurationError, DaemonError};
 use crate::mission::svg::SvgError;
 use crate::planner::PlanError;
+use crate::reproduction::ReproductionError;
 use crate::scene::ImportError;
 use crate::session::FieldError;
 use crate::settings::SettingsError;
@@ -55,6 +56,8 @@ pub enum Failure {
     #[error("{path:?}: {cause}")]
     RigFile { path: PathBuf, cause: RigError },
     #[error(transparent)]
+    Reproduction(ReproductionError),
+    #[error(transparent)]
     Drawing(#[from] SvgError),
     #[error("{0}")]
     Daemon(String),
@@ -75,6 +78,8 @@ impl Failure {
             Failure::Read { .. } | Failure::Configuration(_) | Failure::Settings(_) | Failure::Import(_) => Kind::InputFile,
             Failure::Client(error) => client_kind(error),
             Failure::Interrupted => Kind::Interrupted,
+            Failure::Reproduction(ReproductionError::UnknownPart(_)) => Kind::Usage,
+            Failure::Reproduction(_) => Kind::NoPlan,
             Failure::RigFile { .. } => Kind::InputFile,
             Failure::Field(_) | Failure::Plan(_) | Failure::Rig(_) => Kind::NoPlan,
             Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,
@@ -103,6 +108,12 @@ impl Kind {
             Kind::NoPlan => "no_plan",
             Kind::Interrupted => "interrupted",
         }
+    }
+}
+
+impl From<ReproductionError> for Failure {
+    fn from(error: ReproductionError) -> Self {
+        if error == ReproductionError::Stopped { Failure::Interrupted } else { Failure::Reproduction(error) }
     }
 }
 

@@ -18,6 +18,7 @@ mod outputs;
 mod plan;
 mod private_daemon;
 mod progress;
+mod reproduce;
 mod rig_file;
 mod scene;
 mod serve;
@@ -71,6 +72,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Bench(arguments) => bench::run(arguments, form).map(Some),
         Command::Generate(arguments) => generate::run(arguments, form).map(Some),
         Command::Degrade(arguments) => degrade::run(arguments, form).map(Some),
+        Command::Reproduce(arguments) => reproduce::run(arguments, form).map(Some),
     }
 }
 

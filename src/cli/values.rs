@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use crate::reproduction::MOST_SEEDS;
 use crate::scene::degrade::MOST_HEIGHT_PERCENT;
 
 /// Two lengths, `DX,DY`, m.
@@ -90,6 +91,12 @@ pub fn height_percent(text: &str) -> Result<f64, ValueError> {
 pub fn count(text: &str) -> Result<u32, ValueError> {
     let count = text.trim().parse().ok().filter(|count| (1..=MOST).contains(count));
     count.ok_or_else(|| ValueError::WholeNumber { text: text.to_owned(), least: 1, most: MOST.into() })
+}
+
+/// How many seeds.
+pub fn seeds(text: &str) -> Result<u32, ValueError> {
+    let seeds = text.trim().parse().ok().filter(|seeds| (1..=MOST_SEEDS).contains(seeds));
+    seeds.ok_or_else(|| ValueError::WholeNumber { text: text.to_owned(), least: 1, most: MOST_SEEDS.into() })
 }
 
 /// A seed, or how many plans.

@@ -73,7 +73,8 @@ pub fn bars(title: &str, members: &[&str], panels: &[BarPanel]) -> String {
     let mut sheet = Sheet::new(title, panels.len(), members);
     for (index, panel) in panels.iter().enumerate() {
         let values = panel.groups.iter().flat_map(|(_, bars)| bars).flatten().copied();
-        let scale = Scale { corner: Sheet::corner(index), most: [panel.groups.len() as f64, round_up(values.fold(0.0, f64::max))] };
+        let scale =
+            Scale { corner: Sheet::corner(index), most: [panel.groups.len() as f64, round_up(values.fold(0.0, f64::max))] };
         sheet.add(axes(&scale, &panel.title));
         for (number, (name, bars)) in panel.groups.iter().enumerate() {
             let [x, y] = scale.at([number as f64 + 0.5, 0.0]);
@@ -107,7 +108,9 @@ impl Sheet {
         for (index, name) in names.iter().enumerate() {
             let y = panels_end + LEGEND_ROW * index as f64;
             let colour = COLOURS[index % COLOURS.len()];
-            sheet.add(Rectangle::new().set("x", MARGIN[0]).set("y", y - 10.0).set("width", 14).set("height", 10).set("fill", colour));
+            sheet.add(
+                Rectangle::new().set("x", MARGIN[0]).set("y", y - 10.0).set("width", 14).set("height", 10).set("fill", colour),
+            );
             sheet.add(text([MARGIN[0] + 22.0, y], 13.0, "start", name));
         }
         sheet
@@ -202,7 +205,13 @@ fn round_up(value: f64) -> f64 {
 
 /// A number as it stands at an axis.
 fn short(value: f64) -> String {
-    let decimals = if value >= 100.0 || value == 0.0 { 0 } else if value >= 1.0 { 1 } else { 3 };
+    let decimals = if value >= 100.0 || value == 0.0 {
+        0
+    } else if value >= 1.0 {
+        1
+    } else {
+        3
+    };
     let text = format!("{value:.decimals$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }

@@ -38,7 +38,8 @@ mod tests {
     fn cells_stand_under_their_columns() {
         let mut figures = Table::new("t", "Test", &["Method", "Length [m]", "Time [s]"]);
         figures.ours(&["a"], vec![Cell::spread(&[1.0, 2.0], 0)]);
-        let expected = json!({ "Method": "a", "Length [m]": { "median": 1.5, "least": 1.0, "most": 2.0, "runs": 2 }, "Time [s]": null });
+        let expected =
+            json!({ "Method": "a", "Length [m]": { "median": 1.5, "least": 1.0, "most": 2.0, "runs": 2 }, "Time [s]": null });
         assert_eq!(table(&figures)["rows"][0]["cells"], expected);
     }
 }

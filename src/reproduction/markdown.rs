@@ -9,7 +9,8 @@ pub fn table(table: &Table, level: usize) -> String {
     let mut text = format!("{} {}\n\n", "#".repeat(level), table.title);
     let heads: Vec<String> = std::iter::once("By").chain(table.columns.iter().copied()).map(escaped).collect();
     line(&mut text, &heads);
-    let rules: Vec<String> = (0..heads.len()).map(|column| if is_text(table, column) { "---" } else { "---:" }.to_owned()).collect();
+    let rules: Vec<String> =
+        (0..heads.len()).map(|column| if is_text(table, column) { "---" } else { "---:" }.to_owned()).collect();
     line(&mut text, &rules);
     table.rows.iter().for_each(|row| line(&mut text, &cells(row)));
     text.push('\n');

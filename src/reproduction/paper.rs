@@ -67,12 +67,6 @@ pub const TABLE5: [RealFlight; 4] = [
 /// Section 6.1: minutes to plan, one camera, on a 2.4 GHz Xeon E5-2680.
 pub const PLANNING_MIN: [(&str, f64); 3] = [("NY-1", 5.3), ("UK-1", 10.5), ("Bridge-1", 8.9)];
 
-/// Distances at which completeness is reported, m.
-pub const COMPLETENESS_M: [f64; 3] = [0.020, 0.050, 0.075];
-
-/// Shares at which the error is reported.
-pub const ERROR_SHARES: [f64; 2] = [0.90, 0.95];
-
 /// Section 6: thresholds h and goals G, percent, of the benchmarks and of the real scenes.
 pub const BENCHMARK_PERCENT: [f64; 2] = [30.0, 95.0];
 pub const REAL_PERCENT: [f64; 2] = [15.0, 85.0];

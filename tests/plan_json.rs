@@ -98,8 +98,16 @@ fn run_json_holds_the_times_and_the_whole_convergence() {
     let plan = plan();
     let times = RunTimes { field_s: 0.1, search_s: 0.25, check_s: 0.05, total_s: 0.5, threads: 2 };
     let machine = Machine { platform: "linux-x86_64".to_owned(), processor: "a \"fast\" one".to_owned(), cores: 2 };
-    let run =
-        Run { engine: Engine::Daemon, machine, times, edit_to_plan_s: Some(0.75), import: None, order: None, settings: None };
+    let run = Run {
+        engine: Engine::Daemon,
+        machine,
+        times,
+        edit_to_plan_s: Some(0.75),
+        import: None,
+        order: None,
+        settings: None,
+        scene_file: None,
+    };
     let file: Value = serde_json::from_slice(&run_json::to_bytes(&plan, &run)).unwrap();
     assert_eq!((&file["engine"], &file["threads"], &file["stop"]), (&"daemon".into(), &2.into(), &"goal_reached".into()));
     assert_eq!((&file["times"]["search_s"], &file["times"]["edit_to_plan_s"]), (&0.25.into(), &0.75.into()));

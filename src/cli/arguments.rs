@@ -54,6 +54,8 @@ pub enum Command {
     Load(LoadArgs),
     /// Plan a flight over a scene file (in process) or a loaded scene (by the daemon)
     Plan(PlanArgs),
+    /// Predict Error and Completeness of a plan's images, on its own scene or on another
+    Evaluate(EvaluateArgs),
     /// Change one structure of a loaded scene and receive the new plan
     Edit(EditArgs),
     /// Receive each new plan of a scene as it is published
@@ -158,6 +160,42 @@ pub struct PlanArgs {
     pub sizes: SizeArgs,
     #[command(flatten)]
     pub reach: Reach,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Casts exact rays from the images to dense samples of the scene and carries pixel noise through the views' geometry. The scene is \
+    the file that the run.json beside PLAN names, or TRUTH: the same place in another file, finer than the proxy for example. A path that \
+    comes too near to TRUTH is told in a note. With --out it writes quality.json and quality.svg.\n\nExamples:\n  \
+    overfly evaluate flights/town/plan.json\n  overfly evaluate plan.json --truth town-lod22.city.json --images selected --out quality"
+)]
+pub struct EvaluateArgs {
+    /// A plan.json
+    pub plan: PathBuf,
+    /// Scene file to hold the plan against [default: the scene file that the plan was made on]
+    #[arg(long, value_name = "SCENE")]
+    pub truth: Option<PathBuf>,
+    /// Folder for quality.json and quality.svg; without it only the figures are printed
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Which images are used
+    #[arg(long, value_enum, default_value_t = ImageChoice::All)]
+    pub images: ImageChoice,
+    /// Target number of samples of the scene [default: the setting quality.samples, 20000]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = values::count)]
+    pub samples: Option<u32>,
+    /// TOML file whose keys replace the built-in values
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// Which images of a plan are used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ImageChoice {
+    /// Every image of the flight
+    All,
+    /// Those that the post-selection keeps for the reconstruction
+    Selected,
 }
 
 /// What is to be planned.

@@ -66,7 +66,7 @@ pub fn write(
 
 /// A plan from the daemon as outputs take it.
 pub fn flight(plan: &Plan, times: RunTimes, edit_to_plan_s: Option<f64>, import: Option<Value>) -> Flight<'_> {
-    Flight { plan, times, engine: Engine::Daemon, edit_to_plan_s, import, order: None, settings: None }
+    Flight { plan, times, engine: Engine::Daemon, edit_to_plan_s, import, order: None, settings: None, scene_file: None }
 }
 
 /// How far up the structures and views of a plan's scene reach, while its field still stands.

@@ -8,8 +8,10 @@ use serde_json::json;
 
 use crate::camera::RigError;
 use crate::daemon::{ConfigurationError, DaemonError};
+use crate::mission::plan_read::PlanReadError;
 use crate::mission::svg::SvgError;
 use crate::planner::PlanError;
+use crate::quality::Misplaced;
 use crate::reproduction::ReproductionError;
 use crate::scene::ImportError;
 use crate::session::FieldError;
@@ -58,6 +60,12 @@ pub enum Failure {
     #[error(transparent)]
     Reproduction(ReproductionError),
     #[error(transparent)]
+    PlanFile(#[from] PlanReadError),
+    #[error(transparent)]
+    Misplaced(#[from] Misplaced),
+    #[error("{plan:?} does not tell its scene ({run:?}: {cause}); give the scene file with `--truth`")]
+    UnknownScene { plan: PathBuf, run: PathBuf, cause: String },
+    #[error(transparent)]
     Drawing(#[from] SvgError),
     #[error("{0}")]
     Daemon(String),
@@ -80,7 +88,9 @@ impl Failure {
             Failure::Interrupted => Kind::Interrupted,
             Failure::Reproduction(ReproductionError::UnknownPart(_)) => Kind::Usage,
             Failure::Reproduction(_) => Kind::NoPlan,
-            Failure::RigFile { .. } => Kind::InputFile,
+            Failure::RigFile { .. } | Failure::PlanFile(_) | Failure::Misplaced(_) | Failure::UnknownScene { .. } => {
+                Kind::InputFile
+            }
             Failure::Field(_) | Failure::Plan(_) | Failure::Rig(_) => Kind::NoPlan,
             Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,
             Failure::Write { .. } | Failure::Print(_) | Failure::Drawing(_) | Failure::Unexpected(_) => Kind::Unexpected,

@@ -7,6 +7,7 @@ mod daemon;
 mod degrade;
 mod demo;
 mod edit;
+mod evaluate;
 mod failure;
 mod generate;
 mod import_lines;
@@ -62,6 +63,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Serve(arguments) => serve::run(arguments).map(|()| None),
         Command::Load(arguments) => load::run(arguments, form).map(Some),
         Command::Plan(arguments) => plan::run(arguments, form).map(Some),
+        Command::Evaluate(arguments) => evaluate::run(arguments, form).map(Some),
         Command::Edit(arguments) => edit::run(arguments, form).map(Some),
         Command::Watch(arguments) => watch::run(arguments, form).map(|()| None),
         Command::Cancel(arguments) => scene::cancel(arguments).map(Some),

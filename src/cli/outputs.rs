@@ -23,6 +23,8 @@ pub struct Flight<'a> {
     /// What was ordered and the settings that are not the built-in ones, so that the run can be repeated; a daemon's settings are its own.
     pub order: Option<Value>,
     pub settings: Option<Value>,
+    /// Absolute path of the scene file, where there is one.
+    pub scene_file: Option<String>,
 }
 
 /// A folder for results that is known to be writable; when nothing was written into it, what was created of it goes again.
@@ -81,6 +83,7 @@ pub fn write(folder: &Path, names: &FileNames, flight: &Flight, field: Option<&F
         import: flight.import.clone(),
         order: flight.order.clone(),
         settings: flight.settings.clone(),
+        scene_file: flight.scene_file.clone(),
     };
     let mut written = Vec::new();
     let mut put = |name: &str, bytes: Vec<u8>| {

@@ -55,6 +55,7 @@ fn plan_file(arguments: &PlanArgs, options: &PlanOptions, form: Form) -> Result<
         import: serde_json::to_value(&planned.report).ok(),
         order: Some(order_json(&arguments.order)),
         settings: settings_file::differing(&settings),
+        scene_file: std::path::absolute(&arguments.scene).ok().map(|path| path.to_string_lossy().into_owned()),
     };
     let files = match &arguments.out {
         Some(folder) => outputs::write(folder, &FileNames::of_plan(), &flight, Some(&planned.snapshot.field()))?,

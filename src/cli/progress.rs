@@ -29,6 +29,13 @@ impl Meter {
         Self { bar, is_searching: false, shown: None, asked: None }
     }
 
+    /// Lets the time run on while nothing is reported: for stages that take seconds.
+    pub fn keep_moving(&self) {
+        if !self.bar.is_hidden() {
+            self.bar.enable_steady_tick(2 * REDRAW);
+        }
+    }
+
     /// Work whose length is not known has begun.
     pub fn stage(&mut self, name: &str) {
         if self.is_searching {

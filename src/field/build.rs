@@ -36,6 +36,11 @@ impl Outlines {
     pub fn new(scene: &Scene) -> Self {
         Self(scene.structures.par_iter().map(|structure| rings(structure)).collect())
     }
+
+    /// The rings of structure `index` of the scene, m.
+    pub fn rings(&self, index: usize) -> &[Vec<Coord>] {
+        &self.0[index]
+    }
 }
 
 /// The size of the field's table.

@@ -42,6 +42,8 @@ pub struct Run {
     /// scene file repeat the run. `None` where the caller does not know them.
     pub order: Option<Value>,
     pub settings: Option<Value>,
+    /// Absolute path of the scene file; `None` for a scene that a daemon holds, which may have been edited since it was read.
+    pub scene_file: Option<String>,
 }
 
 /// The file's content, with a final newline.
@@ -51,6 +53,7 @@ pub fn to_bytes(plan: &Plan, run: &Run) -> Vec<u8> {
         version: env!("CARGO_PKG_VERSION"),
         scene: &plan.scene.name,
         revision: plan.scene.revision,
+        scene_file: run.scene_file.as_deref(),
         engine: run.engine,
         machine: &run.machine,
         threads: run.times.threads,
@@ -92,6 +95,8 @@ struct RunEntry<'a> {
     version: &'static str,
     scene: &'a str,
     revision: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene_file: Option<&'a str>,
     engine: Engine,
     machine: &'a Machine,
     threads: u32,

@@ -3,10 +3,12 @@
 
 mod charts;
 mod colour;
+mod distribution;
 mod flight;
 mod heading;
 mod legend;
 mod pen;
+pub mod quality;
 mod sheet;
 mod side_view;
 mod thin;

@@ -28,6 +28,21 @@ pub const SHARE: Ramp = Ramp(&[
     [0x00, 0x4d, 0x4c],
 ]);
 
+/// Predicted deviation, small to large: dark violet over green to yellow, after the perceptually uniform ramp "viridis" without its palest
+/// end.
+pub const DEVIATION: Ramp = Ramp(&[
+    [0x44, 0x01, 0x54],
+    [0x41, 0x44, 0x87],
+    [0x2a, 0x78, 0x8e],
+    [0x22, 0xa8, 0x84],
+    [0x7a, 0xd1, 0x51],
+    [0xe3, 0xd6, 0x2a],
+]);
+
+/// What is seen and not reconstructed, and what no image sees.
+pub const NOT_RECONSTRUCTED: &str = "#e0876f";
+pub const NOT_SEEN: &str = "#a3172c";
+
 pub const INK: &str = "#16191d";
 pub const QUIET_INK: &str = "#5f656d";
 pub const HAIRLINE: &str = "#d9dbde";
@@ -87,7 +102,7 @@ mod tests {
 
     #[test]
     fn every_ramp_changes_lightness_in_one_direction() {
-        for ramp in [TIME, HEIGHT, SHARE] {
+        for ramp in [TIME, HEIGHT, SHARE, DEVIATION] {
             let steps: Vec<f64> = (0..=50).map(|step| lightness(&ramp.at(f64::from(step) / 50.0))).collect();
             let rising = steps[50] > steps[0];
             for pair in steps.windows(2) {

@@ -17,11 +17,15 @@ pub fn draw(plan: &Plan) -> Group {
         plan.seed,
         ending(plan)
     );
+    banner(&plan.scene.name, &subtitle, &key_figures(plan))
+}
+
+/// Any title, subtitle and row of key figures.
+pub fn banner(title: &str, subtitle: &str, figures: &[Figure]) -> Group {
     let mut group = pen::group("heading")
-        .add(pen::text([MARGIN, 74.0], 30.0, Anchor::Start, &shortened(&plan.scene.name)).set("font-weight", 700))
-        .add(pen::quiet_text([MARGIN, 100.0], 15.0, Anchor::Start, &subtitle))
+        .add(pen::text([MARGIN, 74.0], 30.0, Anchor::Start, &shortened(title)).set("font-weight", 700))
+        .add(pen::quiet_text([MARGIN, 100.0], 15.0, Anchor::Start, subtitle))
         .add(pen::line([MARGIN, 122.0], [WIDTH - MARGIN, 122.0], colour::HAIRLINE, 1.0));
-    let figures = key_figures(plan);
     let step = (WIDTH - 2.0 * MARGIN) / figures.len() as f64;
     for (index, figure) in figures.iter().enumerate() {
         let left = MARGIN + index as f64 * step;
@@ -39,10 +43,11 @@ pub fn minutes(time_s: f64) -> String {
     format!("{}:{:02}", seconds / 60, seconds % 60)
 }
 
-struct Figure {
-    label: &'static str,
-    value: String,
-    remark: String,
+/// A key figure with what it is and a remark.
+pub struct Figure {
+    pub label: &'static str,
+    pub value: String,
+    pub remark: String,
 }
 
 fn key_figures(plan: &Plan) -> Vec<Figure> {

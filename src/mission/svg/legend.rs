@@ -15,13 +15,15 @@ const BAR_HEIGHT: f64 = 14.0;
 
 /// The gradients that the legend refers to.
 pub fn gradients() -> Definitions {
-    let gradient = |id: &str, ramp: &Ramp| {
-        let stops = ramp.stops().map(|(offset, colour)| {
-            Stop::new().set("offset", format!("{}%", pen::rounded(offset * 100.0))).set("stop-color", colour)
-        });
-        stops.fold(LinearGradient::new().set("id", id), LinearGradient::add)
-    };
     Definitions::new().add(gradient("ramp-time", &TIME)).add(gradient("ramp-height", &HEIGHT)).add(gradient("ramp-share", &SHARE))
+}
+
+/// A ramp that fills what refers to `id`.
+pub fn gradient(id: &str, ramp: &Ramp) -> LinearGradient {
+    let stops = ramp.stops().map(|(offset, colour)| {
+        Stop::new().set("offset", format!("{}%", pen::rounded(offset * 100.0))).set("stop-color", colour)
+    });
+    stops.fold(LinearGradient::new().set("id", id), LinearGradient::add)
 }
 
 /// Draws the column to the right of the views.
@@ -72,7 +74,7 @@ fn time_ticks(flight_s: f64) -> Vec<f64> {
 }
 
 /// A horizontal ramp with labels at shares of its width.
-fn ramp(place: Place, title: &str, gradient: &str, labels: impl Iterator<Item = (f64, String)>) -> Group {
+pub fn ramp(place: Place, title: &str, gradient: &str, labels: impl Iterator<Item = (f64, String)>) -> Group {
     let [left, top] = place;
     let bar = pen::rectangle([left, top + 20.0], [LEGEND_WIDTH, BAR_HEIGHT], &format!("url(#{gradient})"));
     let mut group =
@@ -151,7 +153,8 @@ fn filled_roofs(place: Place) -> Group {
     })
 }
 
-fn north(place: Place) -> Group {
+/// The arrow to the north.
+pub fn north(place: Place) -> Group {
     let [x, y] = place;
     let half = |side: f64| pen::ring([[x, y - 22.0], [x + side * 9.0, y + 16.0], [x, y + 9.0]]);
     let shape = |data: String, fill: &str| {

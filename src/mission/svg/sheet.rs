@@ -58,7 +58,19 @@ impl Frame {
 impl Sheet {
     /// Lays out a sheet on which structures and flight have room on all sides.
     pub fn of(field: &FieldTable, plan: &Plan) -> Self {
-        let (min, max) = drawn_box(field, plan);
+        let (min, max) = drawn_box(field.facts.min_m.into(), field.facts.max_m.into(), plan);
+        Self::over(min, max)
+    }
+
+    /// The same for one view from above: a scene by the corners of its box, and the flight.
+    pub fn from_above(min: Point3<f64>, max: Point3<f64>, plan: &Plan) -> Self {
+        let (min, max) = drawn_box(min, max, plan);
+        let sheet = Self::over(min, max);
+        let height = (sheet.top_view.bottom() + BETWEEN_VIEWS / 2.0).max(DRAWING_TOP + LEGEND_HEIGHT) + FOOTER;
+        Self { height, ..sheet }
+    }
+
+    fn over(min: Point3<f64>, max: Point3<f64>) -> Self {
         let extent = max - min;
         let pixels_per_m = (TOP_VIEW_WIDTH / extent.x).min(TOP_VIEW_HEIGHT / extent.y);
         let left = MARGIN + AXIS + (TOP_VIEW_WIDTH - extent.x * pixels_per_m) / 2.0;
@@ -103,8 +115,7 @@ pub fn round_up(value: f64) -> f64 {
     factor.unwrap_or(10.0) * decade
 }
 
-fn drawn_box(field: &FieldTable, plan: &Plan) -> (Point3<f64>, Point3<f64>) {
-    let (mut min, mut max) = (Point3::from(field.facts.min_m), Point3::from(field.facts.max_m));
+fn drawn_box(mut min: Point3<f64>, mut max: Point3<f64>, plan: &Plan) -> (Point3<f64>, Point3<f64>) {
     let waypoints = plan.waypoints.iter().map(|waypoint| waypoint.position_m);
     for point in waypoints.chain(plan.images.iter().map(|image| image.position_m)) {
         min = min.inf(&point);

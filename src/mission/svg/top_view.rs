@@ -117,7 +117,8 @@ pub fn ends(plan: &Plan, project: &impl Fn(&Point3<f64>) -> Place) -> Group {
     Group::new().add(end_marker(project(&last.position_m), "E")).add(end_marker(project(&first.position_m), "S"))
 }
 
-fn axes(sheet: &Sheet) -> Group {
+/// The frame of the view, with its grid in metres.
+pub fn axes(sheet: &Sheet) -> Group {
     let frame = &sheet.top_view;
     let mut group = Group::new().add(
         pen::rectangle([frame.left, frame.top], [frame.width, frame.height], colour::GROUND).set("stroke", colour::HAIRLINE),

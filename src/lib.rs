@@ -11,6 +11,7 @@ pub mod fingerprint;
 pub mod settings;
 pub mod stop;
 
+pub mod baseline;
 pub mod camera;
 pub mod coverage;
 pub mod field;

@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
+use crate::baseline::{self, BaselineError, Flown};
 use crate::camera::{Pose, Rig};
 use crate::field::Snapshot;
 use crate::scene::free_space::Obstruction;
@@ -44,15 +45,24 @@ impl PlanOptions {
 pub enum Method {
     /// Algorithms 2 to 5 of the paper.
     Paper,
+    /// Serpentine lines above all buildings (oblique photography).
+    Oblique,
+    /// Views and a tour, after Smith et al. 2018.
+    Smith,
+    /// Views and a tour, after Zhou et al. 2020.
+    Zhou,
 }
 
 impl Method {
     /// All methods, in the order in which they are listed.
-    pub const ALL: [Self; 1] = [Self::Paper];
+    pub const ALL: [Self; 4] = [Self::Paper, Self::Oblique, Self::Smith, Self::Zhou];
 
     pub fn name(self) -> &'static str {
         match self {
             Self::Paper => "paper",
+            Self::Oblique => "op",
+            Self::Smith => "smith",
+            Self::Zhou => "zhou",
         }
     }
 
@@ -99,6 +109,8 @@ pub enum PlanError {
     Abandoned,
     #[error(transparent)]
     Search(#[from] SearchError),
+    #[error(transparent)]
+    Baseline(BaselineError),
     #[error("the path failed the final safety check and is withheld: {0}; this is a defect of the planner")]
     Unsafe(#[from] UnsafeCurve),
 }
@@ -112,7 +124,10 @@ pub fn plan(
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Plan, PlanError> {
-    let rig = &options.rig;
+    let rig = &match options.method {
+        Method::Oblique => baseline::oblique::adapted_rig(&options.rig, &settings.baseline),
+        _ => options.rig.clone(),
+    };
     let problem = Problem::new(snapshot, settings, rig.clone());
     if problem.capturable == 0 {
         let (range_m, ceiling_m) = (settings.coverage.range_m, settings.flight.legal_ceiling_m);
@@ -120,6 +135,9 @@ pub fn plan(
     }
     let Found { route, convergence, stop: reason } = match options.method {
         Method::Paper => tree_search(snapshot, settings, &problem, options, stop, on_progress)?,
+        Method::Oblique => flown(baseline::oblique::fly(&problem, &settings.baseline, stop, on_progress))?,
+        Method::Smith => flown(baseline::smith::fly(&problem, &settings.baseline, options.seed, stop, on_progress))?,
+        Method::Zhou => flown(baseline::zhou::fly(&problem, &settings.baseline, options.seed, stop, on_progress))?,
     };
 
     let profile = Profile::new(&route.waypoints, rig, &settings.flight, &settings.dynamics);
@@ -150,6 +168,15 @@ pub fn plan(
         convergence,
         stop: reason,
     })
+}
+
+/// Baselines do not iterate over whole paths.
+fn flown(flown: Result<Flown, BaselineError>) -> Result<Found, PlanError> {
+    match flown {
+        Ok(Flown { route, stop }) => Ok(Found { route, convergence: Vec::new(), stop }),
+        Err(BaselineError::Abandoned) => Err(PlanError::Abandoned),
+        Err(error) => Err(PlanError::Baseline(error)),
+    }
 }
 
 /// The paper's own method: a random tree, and the best path in it.

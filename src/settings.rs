@@ -25,6 +25,7 @@ pub struct Settings {
     pub objective: ObjectiveSettings,
     pub search: SearchSettings,
     pub quality: QualitySettings,
+    pub baseline: BaselineSettings,
     pub daemon: DaemonSettings,
 }
 
@@ -200,6 +201,31 @@ pub struct QualitySettings {
     /// Reconstructability after Smith et al. 2018: the distance at which a view is worth nothing, m, and the sum to reach.
     pub smith_range_m: f64,
     pub smith_target: f64,
+}
+
+/// The methods that the paper compares with (sections 6.2 and 6.3).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BaselineSettings {
+    /// Focal length of oblique photography on the rig's own sensors, mm; 0 keeps the rig's.
+    pub op_focal_mm: f64,
+    /// Share of an image's footprint that the next line, and the next image on the line, cover again.
+    pub op_side_overlap: f64,
+    pub op_forward_overlap: f64,
+    /// Height of the lines above the ground, m; 0 chooses.
+    pub op_height_m: f64,
+    /// Reconstructability of a sample that more views need not raise (sum of pair qualities).
+    pub smith_target: f64,
+    /// Views are added until this share of what all candidates together reach is reached, percent.
+    pub smith_share_percent: f64,
+    /// Rounds of moving views and leaving them out, at most.
+    pub smith_rounds: u32,
+    /// Reconstructability of a sample that leaving out views must not undercut.
+    pub zhou_target: f64,
+    /// Rounds of adjusting views and leaving them out, at most.
+    pub zhou_rounds: u32,
+    /// Kicks of the local search for the tour, for each view.
+    pub tour_kicks: u32,
 }
 
 /// The resident daemon.

@@ -204,7 +204,7 @@ pub struct OrderArgs {
     /// Cameras of the drone: panoramic, phantom4-rtk, m300-oblique, mavic3e, or a rig file
     #[arg(long, value_name = "PRESET|RIG.toml", default_value = "panoramic")]
     pub rig: String,
-    /// Planning method: `paper`
+    /// Planning method: `paper`, or a baseline: `op` (oblique photography), `smith` (after Smith 2018), `zhou` (after Zhou 2020)
     #[arg(long, value_name = "NAME", default_value = "paper")]
     pub method: String,
     /// Seed of the search: the same seed gives the same plan

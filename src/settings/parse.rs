@@ -81,7 +81,7 @@ impl Settings {
     }
 
     fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
-        let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, quality, daemon } = self;
+        let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, quality, baseline, daemon } = self;
         vec![
             ("proxy.storey_height_m", proxy.storey_height_m, 1.0, 20.0),
             ("proxy.default_height_m", proxy.default_height_m, 1.0, 1000.0),
@@ -134,6 +134,16 @@ impl Settings {
             ("quality.least_views", f64::from(quality.least_views), 2.0, 1000.0),
             ("quality.smith_range_m", quality.smith_range_m, 1.0, 10_000.0),
             ("quality.smith_target", quality.smith_target, 0.0, 1e6),
+            ("baseline.op_focal_mm", baseline.op_focal_mm, 0.0, 2000.0),
+            ("baseline.op_side_overlap", baseline.op_side_overlap, 0.0, 0.95),
+            ("baseline.op_forward_overlap", baseline.op_forward_overlap, 0.0, 0.95),
+            ("baseline.op_height_m", baseline.op_height_m, 0.0, 10_000.0),
+            ("baseline.smith_target", baseline.smith_target, 0.01, 1000.0),
+            ("baseline.smith_share_percent", baseline.smith_share_percent, 1.0, 100.0),
+            ("baseline.smith_rounds", f64::from(baseline.smith_rounds), 0.0, 1000.0),
+            ("baseline.zhou_target", baseline.zhou_target, 0.01, 1000.0),
+            ("baseline.zhou_rounds", f64::from(baseline.zhou_rounds), 0.0, 1000.0),
+            ("baseline.tour_kicks", f64::from(baseline.tour_kicks), 0.0, 100_000.0),
             ("daemon.memory_budget_mb", daemon.memory_budget_mb as f64, 1.0, 1e9),
             ("daemon.max_scene_mb", daemon.max_scene_mb as f64, 1.0, 4096.0),
             ("daemon.threads", f64::from(daemon.threads), 0.0, 1024.0),

@@ -141,10 +141,9 @@ impl<'a> Choice<'a> {
             let around = self.neighbours[site as usize].iter().copied().chain([site]).filter(|&site| self.is_open(site));
             let candidates =
                 around.flat_map(|site| (0..self.sites[site as usize].views.len() as u32).map(move |view| (site, view)));
-            let best =
-                candidates
-                    .map(|(site, view)| (self.gain(site, view), site, view))
-                    .fold((stay, site, view), |best, other| if other.0 > best.0 { other } else { best });
+            let best = candidates
+                .map(|(site, view)| (self.gain(site, view), site, view))
+                .fold((stay, site, view), |best, other| if other.0 > best.0 { other } else { best });
             moved |= (best.1, best.2) != (site, view);
             self.take(best.1, best.2);
         }

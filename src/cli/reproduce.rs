@@ -64,7 +64,8 @@ fn order(arguments: &ReproduceArgs) -> Result<Order, Failure> {
     let parts = if parts.is_empty() { Part::of_the_paper() } else { parts };
     let effort = if arguments.quick { Effort::Quick } else { Effort::Full };
     let settings = settings_file::settings(arguments.config.as_ref(), None)?;
-    Ok(Order { parts, seeds: arguments.seeds, effort, settings })
+    let seeds = if arguments.quick { 1 } else { arguments.seeds };
+    Ok(Order { parts, seeds, effort, settings })
 }
 
 /// The real scenes that the folder holds, and the files that it does not.
@@ -88,10 +89,7 @@ fn command(arguments: &ReproduceArgs) -> String {
     if !arguments.only.is_empty() {
         words.push(format!("--only {}", arguments.only.join(",")));
     }
-    words.push(format!("--seeds {}", arguments.seeds));
-    if arguments.quick {
-        words.push("--quick".to_owned());
-    }
+    words.push(if arguments.quick { "--quick".to_owned() } else { format!("--seeds {}", arguments.seeds) });
     words.extend(["--scenes SCENES", "--out DIR"].map(str::to_owned));
     if arguments.config.is_some() {
         words.push("--config FILE".to_owned());

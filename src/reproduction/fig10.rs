@@ -3,6 +3,7 @@
 use super::ReproductionError;
 use super::chart::{self, BarPanel, Drawing};
 use super::figures::{self, of_plans};
+use super::paper;
 use super::study::{Flights, Study};
 use super::table::{Cell, Table};
 use super::table3;
@@ -15,6 +16,8 @@ const METHODS: [&str; 4] = ["Smith", "Zhou", "OP", "Ours"];
 
 pub fn figure(study: &mut Study) -> Result<(Table, Drawing), ReproductionError> {
     let mut table = Table::new("fig10", "Fig. 10. Paths of several methods", &COLUMNS);
+    let [_, waypoints, whole_s, turning_s] = paper::TABLE1[3].1;
+    table.paper(&["NY-1", "Ours"], &[(waypoints, 0), (turning_s, 0), (whole_s - turning_s, 0)]);
     let mut groups: Vec<(String, Vec<Vec<Cell>>)> = Vec::new();
     for (_, site) in table3::SCENES {
         if !figures::is_there(study, &mut table, site) {
@@ -33,7 +36,10 @@ pub fn figure(study: &mut Study) -> Result<(Table, Drawing), ReproductionError> 
         groups.push((site.name().to_owned(), bars));
     }
     figures::note_settings(&mut table, &figures::benchmark(&study.settings), study.seeds);
-    table.note("The paper gives its Fig. 10 as a chart without figures, over NY-1, UK-1 and Bridge-1; OP flies five cameras and is there for reference.");
+    table.note(
+        "The paper gives its Fig. 10 as a chart without figures; its row here is that of Table 1, movement less the turning in it. OP flies five \
+         cameras and is there for reference.",
+    );
     table.note("Drawn in fig10.svg.");
     let panels: Vec<BarPanel> = (0..4).map(|measure| panel(&groups, measure)).collect();
     let svg = chart::bars("Paths of several methods (medians)", &METHODS, &panels);

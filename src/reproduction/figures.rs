@@ -80,12 +80,11 @@ pub fn is_flown(table: &mut Table, trial: &Trial, flights: &Flights) -> bool {
 
 /// How a method is called in the paper's tables.
 pub fn label(method: Method) -> &'static str {
-    match method.name() {
-        "paper" => "Ours",
-        "zhou" => "Zhou",
-        "smith" => "Smith",
-        "op" => "OP",
-        other => other,
+    match method {
+        Method::Paper => "Ours",
+        Method::Zhou => "Zhou",
+        Method::Smith => "Smith",
+        Method::Oblique => "OP",
     }
 }
 

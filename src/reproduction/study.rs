@@ -35,6 +35,17 @@ pub struct Trial {
     pub proxy: Proxy,
 }
 
+impl Trial {
+    /// What is planned, for people.
+    fn describe(&self) -> String {
+        let flights = format!("{}: flights of {} with {}", self.site.name(), self.method.name(), self.rig);
+        if self.proxy == Proxy::EXACT {
+            return flights;
+        }
+        format!("{flights}, heights {} % off, boundaries {}", self.proxy.heights_percent, self.proxy.boundary.name())
+    }
+}
+
 /// What flights are planned on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Proxy {
@@ -133,10 +144,10 @@ impl<'a> Study<'a> {
         if let Some((_, flights)) = self.flights.iter().find(|(known, _)| known == trial) {
             return Ok(Arc::clone(flights));
         }
-        self.step(&format!("{}: flights of {} with {}", trial.site.name(), trial.method.name(), trial.rig))?;
+        self.step(&trial.describe())?;
         let rig = Rig::preset(trial.rig)?;
         // Oblique photography has no chance in it: all its flights are one.
-        let seeds: Vec<u64> = (1..=if trial.method == Method::Op { 1 } else { u64::from(self.seeds) }).collect();
+        let seeds: Vec<u64> = (1..=if trial.method == Method::Oblique { 1 } else { u64::from(self.seeds) }).collect();
         let snapshots = seeds.iter().map(|&seed| self.snapshot(trial, seed)).collect::<Result<Vec<_>, _>>()?;
         let stop = self.watch.stop;
         let plan = |(snapshot, &seed): (&Snapshot, &u64)| {

@@ -15,7 +15,7 @@ use crate::quality::{Compared, Quality, compare};
 pub const SCENES: [(&str, Site); 3] = [("NY-1", Site::Ny1), ("UK-1", Site::Delfshaven), ("Bridge-1", Site::Nihonbashi)];
 
 /// In the order of the paper's rows.
-const METHODS: [Method; 4] = [Method::Smith, Method::Zhou, Method::Op, Method::Paper];
+const METHODS: [Method; 4] = [Method::Smith, Method::Zhou, Method::Oblique, Method::Paper];
 
 pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
     let columns = [
@@ -55,11 +55,11 @@ pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
 /// The flights of all methods over a site, in the paper's order; all with room above for oblique photography.
 pub fn trials(study: &mut Study, table: &mut Table, site: Site) -> Result<Vec<(Trial, Arc<Flights>)>, ReproductionError> {
     let settings = figures::benchmark(&study.settings);
-    let oblique = study.trial(site, FIVE_CAMERAS, Method::Op, settings);
+    let oblique = study.trial(site, FIVE_CAMERAS, Method::Oblique, settings);
     let settings = figures::with_room_above(study, table, &oblique)?;
     let mut flown = Vec::new();
     for method in METHODS {
-        let rig = if method == Method::Op { FIVE_CAMERAS } else { ONE_CAMERA };
+        let rig = if method == Method::Oblique { FIVE_CAMERAS } else { ONE_CAMERA };
         let trial = study.trial(site, rig, method, settings.clone());
         let flights = study.flights(&trial)?;
         if figures::is_flown(table, &trial, &flights) {

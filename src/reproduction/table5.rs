@@ -18,9 +18,9 @@ pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
         if !figures::is_there(study, &mut table, site) {
             continue;
         }
-        let legal = study.trial(site, FIVE_CAMERAS, Method::Op, figures::real(&study.settings));
+        let legal = study.trial(site, FIVE_CAMERAS, Method::Oblique, figures::real(&study.settings));
         let settings = figures::with_room_above(study, &mut table, &legal)?;
-        for method in [Method::Op, Method::Paper] {
+        for method in [Method::Oblique, Method::Paper] {
             let trial = study.trial(site, FIVE_CAMERAS, method, settings.clone());
             let flights = study.flights(&trial)?;
             if figures::is_flown(&mut table, &trial, &flights) {

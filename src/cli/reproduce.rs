@@ -32,7 +32,8 @@ pub fn run(arguments: &ReproduceArgs, form: Form) -> Result<Answer, Failure> {
     let mut meter = Meter::new(form);
     let stop = StopToken::default();
     let stopper = stop.clone();
-    let interrupts = Interrupts::first(form, move || stopper.abandon());
+    let interrupts =
+        Interrupts::announced(form, "stopping: nothing is written; Ctrl-C again ends at once", move || stopper.abandon());
     let is_terminal = form.shows_progress();
     let mut on_step = |step: &str| {
         // A terminal shows the step at work; a log keeps them all.

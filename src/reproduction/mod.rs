@@ -38,8 +38,8 @@ use crate::settings::Settings;
 /// Fixed seeds are 1, 2, ... up to this many.
 pub const MOST_SEEDS: u32 = 100;
 
-/// Sizes of a quick run: samples and viewpoints of a field, iterations of a search, samples of a truth.
-const QUICK: [u32; 4] = [150, 200, 30, 400];
+/// Sizes of a quick run: samples and viewpoints of a field, iterations of a search, samples of a truth, kicks of a tour.
+const QUICK: [u32; 5] = [150, 200, 30, 400, 5];
 
 /// A table or figure that can be asked for alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -155,7 +155,14 @@ pub fn reproduce(order: &Order, scenes: Vec<(Site, Scene)>, watch: Watch) -> Res
     let mut settings = order.settings.clone();
     let (mut seeds, mut block) = (order.seeds.clamp(1, MOST_SEEDS), ny1_size());
     if order.effort == Effort::Quick {
-        [settings.surface.samples, settings.field.viewpoints, settings.search.iterations, settings.quality.samples] = QUICK;
+        [
+            settings.surface.samples,
+            settings.field.viewpoints,
+            settings.search.iterations,
+            settings.quality.samples,
+            settings.baseline.tour_kicks,
+        ] = QUICK;
+        (settings.baseline.smith_rounds, settings.baseline.zhou_rounds) = (1, 1);
         (seeds, block) = (1, site::quick_block());
     }
     let scenes = std::iter::once((Site::Ny1, generate_block(&block))).chain(scenes).collect();

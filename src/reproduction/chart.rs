@@ -45,9 +45,10 @@ const MARGIN: [f64; 2] = [80.0, 70.0];
 const ACROSS: usize = 2;
 const LEGEND_ROW: f64 = 20.0;
 
-/// Lines over `along`, in panels two abreast.
+/// Lines over `along`, in panels two abreast; the legend names the lines of the first panel, where it has several.
 pub fn lines(title: &str, along: &str, panels: &[Panel]) -> String {
-    let names = panels.first().map_or(Vec::new(), |panel| panel.series.iter().map(|series| series.name.as_str()).collect());
+    let several = panels.first().filter(|panel| panel.series.len() > 1);
+    let names = several.map_or(Vec::new(), |panel| panel.series.iter().map(|series| series.name.as_str()).collect());
     let mut sheet = Sheet::new(title, panels.len(), &names);
     let most = panels.iter().flat_map(|panel| &panel.series).flat_map(|series| &series.points).map(|point| point[0]);
     let most = round_up(most.fold(0.0, f64::max));
@@ -188,7 +189,7 @@ fn text(place: [f64; 2], size: f64, anchor: &str, content: &str) -> Text {
         .set("text-anchor", anchor)
 }
 
-/// The next number that reads well at or above a value: 1, 2, 2.5 or 5 times a power of ten.
+/// The next number at or above a value whose half reads well too: one of a few times a power of ten.
 fn round_up(value: f64) -> f64 {
     if value <= 0.0 || !value.is_finite() {
         return 1.0;
@@ -200,7 +201,11 @@ fn round_up(value: f64) -> f64 {
     while unit * 10.0 <= value {
         unit *= 10.0;
     }
-    [1.0, 2.0, 2.5, 5.0, 10.0].into_iter().map(|factor| factor * unit).find(|rounded| *rounded >= value).unwrap_or(value)
+    [1.0, 1.2, 1.6, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0]
+        .into_iter()
+        .map(|factor| factor * unit)
+        .find(|rounded| *rounded >= value)
+        .unwrap_or(value)
 }
 
 /// A number as it stands at an axis.
@@ -226,7 +231,7 @@ mod tests {
 
     #[test]
     fn axes_end_at_numbers_that_read_well() {
-        for (value, expected) in [(0.0, 1.0), (0.03, 0.05), (1.0, 1.0), (1.1, 2.0), (2.4, 2.5), (73.0, 100.0), (2151.0, 2500.0)] {
+        for (value, expected) in [(0.0, 1.0), (0.03, 0.03), (1.0, 1.0), (1.1, 1.2), (2.4, 2.5), (83.0, 100.0), (2151.0, 2500.0)] {
             assert!((round_up(value) - expected).abs() < 1e-12 * expected, "{value}: {}", round_up(value));
         }
     }

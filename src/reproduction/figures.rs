@@ -93,6 +93,14 @@ pub fn used(method: Method) -> Which {
     if method == Method::Paper { Which::Selected } else { Which::All }
 }
 
+/// How many they are.
+pub fn used_images(method: Method, plan: &Plan) -> usize {
+    match used(method) {
+        Which::All => plan.images.len(),
+        Which::Selected => plan.selected_images(),
+    }
+}
+
 /// The figures of a reconstruction as the paper prints them.
 pub fn printed(figures: &Reconstruction) -> Vec<(f64, usize)> {
     figures.iter().copied().zip(RECONSTRUCTION_DECIMALS).collect()

@@ -22,7 +22,7 @@ pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
             let trial = study.trial(site, ONE_CAMERA, method, settings.clone());
             let flights = study.flights(&trial)?;
             if figures::is_flown(&mut table, &trial, &flights) {
-                table.ours(&[site.name(), figures::label(method)], cells(&flights));
+                table.ours(&[site.name(), figures::label(method)], cells(method, &flights));
             }
         }
     }
@@ -32,15 +32,8 @@ pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
 
 /// A table of flights over real scenes.
 pub fn empty(key: &'static str, title: &str) -> Table {
-    let columns = [
-        "Scene",
-        "Method",
-        "Length ↓ [m]",
-        "Flight time ↓ [min]",
-        "Battery ↓ [%]",
-        "Coverage of capturable [%]",
-        "Selected images",
-    ];
+    let columns =
+        ["Scene", "Method", "Length ↓ [m]", "Flight time ↓ [min]", "Battery ↓ [%]", "Coverage of capturable [%]", "Images used"];
     Table::new(key, title, &columns)
 }
 
@@ -50,13 +43,13 @@ pub fn add_paper(table: &mut Table, rows: &[RealFlight]) {
     }
 }
 
-pub fn cells(flights: &Flights) -> Vec<Cell> {
+pub fn cells(method: Method, flights: &Flights) -> Vec<Cell> {
     vec![
         figures::length(flights),
         of_plans(flights, 1, |plan| plan.metrics.profile_s / 60.0),
         of_plans(flights, 0, |plan| plan.metrics.battery_percent.unwrap_or(f64::NAN)),
         figures::coverage(flights),
-        of_plans(flights, 0, |plan| plan.selected_images() as f64),
+        of_plans(flights, 0, |plan| figures::used_images(method, plan) as f64),
     ]
 }
 

@@ -24,7 +24,7 @@ pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
             let trial = study.trial(site, FIVE_CAMERAS, method, settings.clone());
             let flights = study.flights(&trial)?;
             if figures::is_flown(&mut table, &trial, &flights) {
-                table.ours(&[site.name(), figures::label(method)], table4::cells(&flights));
+                table.ours(&[site.name(), figures::label(method)], table4::cells(method, &flights));
             }
         }
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use crate::baseline::{self, BaselineError, Flown};
-use crate::camera::{Pose, Rig};
+use crate::camera::{Cameras, Pose, Rig, pitch_rad};
 use crate::field::Snapshot;
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
@@ -37,6 +37,21 @@ impl PlanOptions {
     /// A plan with everything else left to the planner.
     pub fn new(rig: Rig, method: Method, seed: u64) -> Self {
         Self { rig, method, seed, iterations: None, start_m: None, start_view: None }
+    }
+
+    /// What can be refused before there is a scene.
+    pub fn check(&self) -> Result<(), PlanError> {
+        if let Some(iterations) = self.iterations.filter(|&iterations| iterations > MOST_ITERATIONS) {
+            return Err(PlanError::Iterations { iterations });
+        }
+        let Some(view) = self.start_view else { return Ok(()) };
+        let rig = self.rig.name.clone();
+        let Cameras::Gimbal { sin_pitch, .. } = &self.rig.cameras else { return Err(PlanError::NoGimbal { rig }) };
+        if self.rig.reaches(&view) {
+            return Ok(());
+        }
+        let [least_deg, most_deg] = sin_pitch.map(|sin| libm::asin(sin).to_degrees());
+        Err(PlanError::StartView { rig, pitch_deg: pitch_rad(&view).to_degrees(), least_deg, most_deg })
     }
 }
 
@@ -95,9 +110,14 @@ pub enum PlanError {
     )]
     Start { position: String, cause: Obstruction },
     #[error(
-        "the gimbal of {rig:?} cannot look to pitch {pitch_deg:.1} degrees at the start; give a view within its range, or none"
+        "the gimbal of {rig:?} cannot look to pitch {pitch_deg:.1} degrees at the start; give a pitch from {least_deg:.1} to {most_deg:.1} \
+         degrees, or no view"
     )]
-    StartView { rig: String, pitch_deg: f64 },
+    StartView { rig: String, pitch_deg: f64, least_deg: f64, most_deg: f64 },
+    #[error(
+        "the rig {rig:?} has no gimbal that could be given a view at the start; give none, or a rig with one camera on a gimbal"
+    )]
+    NoGimbal { rig: String },
     #[error("{iterations} iterations were asked for; the most is {most}", most = MOST_ITERATIONS)]
     Iterations { iterations: u32 },
     #[error(
@@ -124,6 +144,7 @@ pub fn plan(
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Plan, PlanError> {
+    options.check()?;
     let rig = &match options.method {
         Method::Oblique => baseline::oblique::adapted_rig(&options.rig, &settings.baseline),
         _ => options.rig.clone(),
@@ -190,9 +211,6 @@ fn tree_search(
 ) -> Result<Found, PlanError> {
     let start = start_pose(problem, options, stop)?;
     let iterations = options.iterations.unwrap_or(settings.search.iterations);
-    if iterations > MOST_ITERATIONS {
-        return Err(PlanError::Iterations { iterations });
-    }
     let route = |path: &[Pose]| Route::continuous(path, &problem.rig, problem.image_spacing_m);
     let confirm = |path: &[Pose]| {
         let profile = Profile::new(path, &problem.rig, &settings.flight, &settings.dynamics);
@@ -212,18 +230,11 @@ fn start_pose(problem: &Problem, options: &PlanOptions, stop: &StopToken) -> Res
         let position = format!("{}, {}, {}", position.x, position.y, position.z);
         return Err(PlanError::Start { position, cause });
     }
-    let given = options.start_view.filter(|_| problem.rig.has_gimbal());
-    if let Some(view) = given
-        && !problem.rig.reaches(&view)
-    {
-        let pitch_deg = crate::camera::pitch_rad(&view).to_degrees();
-        return Err(PlanError::StartView { rig: problem.rig.name.clone(), pitch_deg });
-    }
     let positions = match options.start_m {
         Some(position) => vec![position],
         None => problem.field.viewpoints.iter().map(|row| row.position_m.into()).collect(),
     };
-    let directions = given.map_or_else(|| problem.rig.pose_directions(), |view| vec![Some(view)]);
+    let directions = options.start_view.map_or_else(|| problem.rig.pose_directions(), |view| vec![Some(view)]);
     let mut scratch = problem.scratch();
     let nothing = vec![0; problem.field.samples.len()];
     let mut best = (Pose { position: positions[0], direction: directions[0] }, 0);

@@ -4,6 +4,8 @@ mod parse;
 
 use serde::{Deserialize, Serialize};
 
+use crate::camera::Rig;
+
 pub use parse::SettingsError;
 
 /// The embedded defaults, as text.
@@ -249,6 +251,20 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// The settings for the sight of a rig: the distances of the coverage model, and with them the shell of viewpoints, grow with the
+    /// distance at which its cameras have the ground sampling distance of the reference camera.
+    pub fn adapted_to(mut self, rig: &Rig) -> Self {
+        let scale = rig.sight_scale();
+        let Self { coverage, field, .. } = &mut self;
+        for distance_m in [&mut coverage.range_m, &mut coverage.full_disk_m, &mut coverage.falloff_m] {
+            *distance_m *= scale;
+        }
+        for distance_m in [&mut field.shell_m, &mut field.max_spacing_m] {
+            *distance_m *= scale.max(1.0);
+        }
+        self
+    }
+
     /// Fingerprint of everything that a field depends on beside its scene: a cached field of other settings is not used.
     pub fn field_hash(&self) -> u64 {
         let text = format!("{:?} {:?} {:?} {:?}", self.surface, self.flight, self.field, self.coverage);

@@ -25,6 +25,32 @@ fn the_daemon_and_the_process_itself_write_the_same_plan() {
 }
 
 #[test]
+fn every_rig_gives_the_same_plan_by_the_daemon_and_in_the_process_itself() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    place.json(&["load", &scene]);
+    let phantom = program::stdout(&place.run(&["rigs", "phantom4-rtk"]))
+        .replace("[-90.0, 30.0]", "[-60.0, -10.0]")
+        .replace("\"phantom4-rtk\"", "\"mine\"");
+    // The path of a rig file may be longer than a name on the wire.
+    let folder = "f".repeat(150);
+    std::fs::create_dir(place.path(&folder)).unwrap();
+    let file = format!("{folder}/my-rig.toml");
+    std::fs::write(place.path(&file), phantom).unwrap();
+    for (rig, look) in [("phantom4-rtk", true), ("m300-oblique", false), ("mavic3e", true), (file.as_str(), true)] {
+        let look = if look { ["--look", "200,-40"].as_slice() } else { &[] };
+        let order = [&["--rig", rig, "--seed", "7", "--iterations", "40"], look].concat();
+        place.json(&[&["plan", "town", "--out", "daemon"], order.as_slice()].concat());
+        place.json(&[&["plan", &scene, "--out", "process"], order.as_slice()].concat());
+        assert_eq!(place.read("daemon/plan.json"), place.read("process/plan.json"), "{rig}");
+        assert_eq!(place.read("daemon/plan.svg"), place.read("process/plan.svg"), "{rig}");
+        let plan: Value = serde_json::from_slice(&place.read("daemon/plan.json")).unwrap();
+        assert!(plan["images"][0]["direction"].is_array() && plan["metrics"]["images"].as_u64().unwrap() > 5, "{rig}");
+    }
+}
+
+#[test]
 fn a_file_of_any_name_gives_the_same_plan_by_the_daemon_and_in_the_process_itself() {
     let place = Place::new();
     let scene = place.scene();
@@ -186,6 +212,9 @@ fn refusals_of_the_daemon_name_the_cause_and_have_their_exit_codes() {
         (5, "refused", vec!["edit", "town", "remove", "castle"], "castle"),
         (5, "refused", vec!["edit", "town", "lower", "shed", "--by", "50"], "shed"),
         (6, "no_plan", vec!["plan", "town", "--rig", "kite"], "panoramic"),
+        (6, "no_plan", vec!["plan", "town", "--look", "90,-30"], "no gimbal"),
+        (6, "no_plan", vec!["plan", "town", "--rig", "phantom4-rtk", "--start", "0,0,5000"], "start"),
+        (3, "input_file", vec!["plan", "town", "--rig", "/dev/zero"], "65536 bytes"),
         (6, "no_plan", vec!["plan", "town", "--start", "0,0,5000"], "start"),
         (3, "input_file", vec!["load", "empty.geojson"], "empty.geojson"),
         (2, "usage", vec!["plan", "town", "--samples", "10"], "--samples"),

@@ -14,11 +14,15 @@ fn help_teaches_with_examples_units_and_exit_codes() {
     }
     let commands = [
         "demo", "serve", "load", "plan", "edit", "watch", "cancel", "unload", "status", "reload", "stop", "bench", "generate",
-        "degrade",
+        "degrade", "evaluate", "rigs",
     ];
     for command in commands {
         let output = place.run(&[command, "--help"]);
         assert!(output.status.success() && stdout(&output).contains("--json"), "{command}");
+    }
+    let help = stdout(&place.run(&["plan", "--help"]));
+    for word in ["--rig phantom4-rtk", "--look 90,-30", "m300-oblique", "overfly rigs phantom4-rtk"] {
+        assert!(help.contains(word), "{word} is not in {help}");
     }
 }
 
@@ -81,8 +85,12 @@ fn benches_print_median_p99_and_limits() {
     let place = Place::new();
     let scene = place.scene();
     let small = ["--repeat", "2", "--samples", "100", "--viewpoints", "100"];
-    for (subject, step) in [("field", "build"), ("search", "tree search")] {
-        let answer = place.json(&[&["bench", subject, scene.as_str()], small.as_slice(), &["--iterations", "20"]].concat());
+    for (subject, rig, step) in
+        [("field", "panoramic", "build"), ("search", "panoramic", "tree search"), ("search", "phantom4-rtk", "tree search")]
+    {
+        let answer =
+            place.json(&[&["bench", subject, scene.as_str()], small.as_slice(), &["--iterations", "20", "--rig", rig]].concat());
+        assert!(subject == "field" || answer.to_string().contains(rig), "{answer}");
         let steps = answer["steps"].as_array().unwrap();
         let row = steps.iter().find(|row| row["step"] == step).unwrap_or_else(|| panic!("{answer}"));
         assert!(row["median"].as_f64().unwrap() > 0.0 && row["p99"].as_f64() >= row["median"].as_f64(), "{row}");
@@ -98,6 +106,9 @@ fn wrong_lines_are_usage_errors() {
         vec!["fly"],
         vec!["plan"],
         vec!["plan", &scene, "--start", "1,2"],
+        vec!["plan", &scene, "--rig", "phantom4-rtk", "--look", "90"],
+        vec!["plan", &scene, "--rig", "phantom4-rtk", "--look", "90,-91"],
+        vec!["plan", &scene, "--rig", "phantom4-rtk", "--look", "nan,0"],
         vec!["plan", &scene, "--iterations", "0"],
         vec!["plan", &scene, "--samples", "many"],
         vec!["edit", "town", "raise", "hall", "--by", "-3"],
@@ -116,6 +127,8 @@ fn bad_input_files_are_named_with_a_remedy() {
     std::fs::write(place.path("picture.json"), b"\x89PNG").unwrap();
     std::fs::write(place.path("empty.geojson"), br#"{"type":"FeatureCollection","features":[]}"#).unwrap();
     std::fs::write(place.path("broken.toml"), "[surface]\nsample = 3\n").unwrap();
+    std::fs::write(place.path("latin.toml"), b"name = \"m\xe9lange\"").unwrap();
+    std::fs::write(place.path("large.toml"), "#".repeat(65_537)).unwrap();
     let scene = place.scene();
     for (words, file) in [
         (vec!["plan", "picture.json"], "picture.json"),
@@ -128,6 +141,14 @@ fn bad_input_files_are_named_with_a_remedy() {
         (vec!["plan", &scene, "--config", "missing.toml"], "missing.toml"),
         (vec!["plan", &scene, "--config", "broken.toml"], "sample"),
         (vec!["serve", "--config", "broken.toml"], "broken.toml"),
+        (vec!["plan", &scene, "--rig", "missing.toml"], "missing.toml"),
+        (vec!["plan", "town", "--rig", "missing.toml"], "missing.toml"),
+        (vec!["plan", &scene, "--rig", "./"], "directory"),
+        (vec!["plan", &scene, "--rig", "/dev/zero"], "more than 65536 bytes"),
+        (vec!["plan", &scene, "--rig", "latin.toml"], "not UTF-8"),
+        (vec!["plan", &scene, "--rig", "large.toml"], "more than 65536 bytes"),
+        (vec!["plan", &scene, "--rig", "broken.toml"], "surface"),
+        (vec!["bench", "search", &scene, "--rig", "broken.toml"], "surface"),
     ] {
         let message = place.fails(3, "input_file", &words);
         assert!(message.contains(file) && message.contains(';'), "{message}");
@@ -165,10 +186,95 @@ fn what_cannot_be_planned_says_why() {
         (vec!["plan", &scene, "--method", "magic"], "paper"),
         (vec!["plan", &scene, "--start", "0,0,-5"], "start"),
         (vec!["plan", &scene, "--start", "0,0,5000"], "start"),
+        (vec!["plan", &scene, "--rig", "phantom4-rtk", "--start", "0,0,5000"], "flight limits"),
+        (vec!["plan", &scene, "--rig", "phantom4-rtk", "--look", "90,31"], "a pitch from -90.0 to 30.0"),
+        (vec!["plan", &scene, "--rig", "m300-oblique", "--look", "90,-30"], "no gimbal"),
+        (vec!["plan", &scene, "--look", "90,-30"], "no gimbal"),
+        (vec!["rigs", "kite"], "known rigs: panoramic"),
     ] {
         let message = place.fails(6, "no_plan", &words);
         assert!(message.contains(cause), "{message}");
     }
+}
+
+#[test]
+fn an_impossible_rig_is_refused_by_what_makes_it_so() {
+    let place = Place::new();
+    let scene = place.scene();
+    let phantom = stdout(&place.run(&["rigs", "phantom4-rtk"]));
+    let deep = format!("name = {}", "[".repeat(60_000));
+    for (text, named) in [
+        (phantom.replace("focal_mm = 8.8", "focal_mm = nan"), "focal_mm"),
+        (phantom.replace("[-90.0, 30.0]", "[30.0, -90.0]"), "gimbal.pitch_deg"),
+        (phantom.replace("[gimbal]\npitch_deg = [-90.0, 30.0]", ""), "needs `yaw_deg`"),
+        (phantom.replace("[gimbal]", "[gimball]"), "gimball"),
+        (String::new(), "name"),
+        (deep, "rig.toml"),
+    ] {
+        std::fs::write(place.path("rig.toml"), text).unwrap();
+        let message = place.fails(3, "input_file", &["plan", &scene, "--rig", "rig.toml"]);
+        assert!(message.contains(named) && message.contains("rig.toml") && message.len() < 2000, "{message}");
+    }
+}
+
+#[test]
+fn rigs_are_listed_and_the_file_of_one_flies_like_its_preset() {
+    let place = Place::new();
+    let scene = place.scene();
+    let listed = place.json(&["rigs"]);
+    let names: Vec<&str> = listed["rigs"].as_array().unwrap().iter().map(|rig| rig["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["panoramic", "phantom4-rtk", "m300-oblique", "mavic3e"]);
+    let phantom = &listed["rigs"][1];
+    assert!((phantom["fov_deg"][0].as_f64().unwrap() - 73.74).abs() < 0.01 && phantom["battery_wh"] == 89.2, "{phantom}");
+    let table = stdout(&place.run(&["rigs"]));
+    assert!(names.iter().all(|name| table.contains(name)) && table.contains("-90 to 30"), "{table}");
+    for name in names {
+        let file = place.run(&["rigs", name]).stdout;
+        std::fs::write(place.path("my-rig.toml"), file).unwrap();
+        let plan = |rig: &str, out: &str| place.json(&["plan", &scene, "--rig", rig, "--iterations", "15", "--out", out]);
+        plan(name, "preset");
+        plan("my-rig.toml", "file");
+        assert_eq!(place.read("preset/plan.json"), place.read("file/plan.json"), "{name}");
+    }
+}
+
+#[test]
+fn figures_tell_profile_time_battery_and_selected_images() {
+    let place = Place::new();
+    let scene = place.scene();
+    for (rig, has_battery) in [("panoramic", false), ("phantom4-rtk", true), ("m300-oblique", true)] {
+        let words = ["plan", &scene, "--rig", rig, "--iterations", "40", "--out", "out"];
+        let answer = place.json(&words);
+        let file: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
+        for (key, value) in file["metrics"].as_object().unwrap() {
+            assert_eq!(&answer[key], value, "{key} of {rig}");
+        }
+        assert!(answer["profile_s"].as_f64().unwrap() > 0.0 && answer["selected_images"].as_u64() <= answer["images"].as_u64());
+        assert_eq!(answer["battery_percent"].is_number(), has_battery, "{answer}");
+        let table = stdout(&place.run(&words));
+        assert!(table.contains("speed profile, s") && table.contains("selected images"), "{table}");
+        assert_eq!(table.contains("battery, %"), has_battery, "{table}");
+    }
+}
+
+#[test]
+fn what_a_rig_cannot_reach_by_any_plan_is_said_with_remedies() {
+    let place = Place::new();
+    let scene = place.scene();
+    let note = |words: &[&str]| stderr(&place.run(&[&["plan", &scene, "--iterations", "5"], words].concat()));
+    let narrow = stdout(&place.run(&["rigs", "phantom4-rtk"])).replace("[-90.0, 30.0]", "[-90.0, -89.0]");
+    std::fs::write(place.path("down.toml"), narrow).unwrap();
+    std::fs::write(place.path("strict.toml"), "[coverage]\nthreshold_percent = 75.0\n").unwrap();
+    let down = note(&["--rig", "down.toml"]);
+    let reachable =
+        place.json(&["plan", &scene, "--iterations", "5", "--rig", "down.toml"])["capturable_percent"].as_f64().unwrap();
+    for part in
+        ["coverage.threshold_percent", "--rig", &format!("{reachable:.1} % of the exposed"), "--rig down.toml --iterations"]
+    {
+        assert!(reachable < 80.0 && down.contains(part), "{part} is not in {down}");
+    }
+    let strict = note(&["--config", "strict.toml"]);
+    assert!(strict.contains("coverage.threshold_percent") && !strict.contains("another rig"), "nothing sees more: {strict}");
 }
 
 #[test]
@@ -212,6 +318,13 @@ fn run_json_holds_what_repeats_the_run() {
     let run: Value = serde_json::from_slice(&place.read("out/run.json")).unwrap();
     assert_eq!(run["settings"], serde_json::json!({ "surface": { "samples": 150 } }));
     assert_eq!((&run["order"]["seed"], &run["order"]["iterations"]), (&9.into(), &30.into()));
+    assert!(run["order"]["rig_file"].is_null(), "a preset needs no file");
+
+    let file = stdout(&place.run(&["rigs", "mavic3e"])).trim_end().to_owned();
+    std::fs::write(place.path("my-rig.toml"), &file).unwrap();
+    place.json(&["plan", &scene, "--iterations", "5", "--rig", "my-rig.toml", "--look", "90,-30", "--out", "out"]);
+    let run: Value = serde_json::from_slice(&place.read("out/run.json")).unwrap();
+    assert_eq!((&run["order"]["rig_file"], &run["order"]["start_view_deg"]), (&file.into(), &serde_json::json!([90.0, -30.0])));
 }
 
 /// The signal is sent as soon as the process catches it: then it is either a plan with a note or the word that there is none yet.

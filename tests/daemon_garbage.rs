@@ -217,6 +217,51 @@ fn edits_that_come_at_once_are_each_answered_and_a_plan_before_them_is_made_agai
 }
 
 #[test]
+fn hostile_rig_files_are_refused_and_plans_go_on() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let phantom = include_str!("../config/rigs/phantom4-rtk.toml");
+    let order = |text: String| overfly_client::PlanOrder { rig: "mine".into(), rig_file: Some(text), ..quick() };
+    let garbage: String = (0..65_536u32).map(|k| char::from(b' ' + (k.wrapping_mul(2_654_435_761) >> 24) as u8 % 95)).collect();
+    let hostile = [
+        garbage,
+        String::new(),
+        "\0".repeat(1000),
+        "[".repeat(65_536),
+        format!("{} = 1", "k".repeat(60_000)),
+        phantom.replace("\"main\"", &format!("\"{}\"", "m".repeat(60_000))),
+        phantom.replace("\"phantom4-rtk\"", &format!("\"{}\"", "p".repeat(60_000))),
+        format!("name = {}", "[".repeat(65_000)),
+        format!("name = {}1{}", "{a=".repeat(15_000), "}".repeat(15_000)),
+        format!("name = {}", "9".repeat(65_000)),
+        format!("[{}]\n", vec!["a"; 30_000].join(".")),
+        format!("{phantom}{}", "[[camera]]\n".repeat(4000)),
+        phantom.replace("focal_mm = 8.8", "focal_mm = nan"),
+        phantom.replace("focal_mm = 8.8", "focal_mm = -inf"),
+        phantom.replace("focal_mm = 8.8", "focal_mm = 1e-320"),
+        phantom.replace("exposure_s = 0.001", "exposure_s = 0.0"),
+        phantom.replace("shutter_interval_s = 1.0", "shutter_interval_s = 1e300"),
+        phantom.replace("pixels = [5472, 3648]", "pixels = [4294967295, 4294967295]"),
+        phantom.replace("pixels = [5472, 3648]", "pixels = [-1, 3648]"),
+        phantom.replace("[-90.0, 30.0]", "[nan, nan]"),
+        phantom.replace("energy_wh = 89.2", "energy_wh = nan"),
+    ];
+    for text in hostile {
+        let shown: String = text.chars().take(60).collect();
+        let (code, message) = refusal(client.plan("block", &order(text), &mut |_| {}));
+        assert_eq!(code, RefusalCode::Plan, "{shown}: {message}");
+        assert!(message.contains("rig") && message.len() < 4000, "{shown}: {} bytes of message", message.len());
+    }
+    // A client refuses what is too long by itself, so this is sent by one that does not.
+    let (header, payload) = honest(&Request::Plan { scene: "block".into(), order: order("#".repeat(65_537)) }, 9);
+    let vandal = Vandal::enter(&served.domain);
+    vandal.send(header, &payload);
+    assert_eq!(vandal.refusal(9).0, RefusalCode::Invalid);
+    client.plan("block", &order(phantom.into()), &mut |_| {}).unwrap();
+}
+
+#[test]
 fn pipes_that_nobody_writes_to_keep_no_thread_waiting() {
     let served = Served::start();
     let client = served.client();

@@ -2,32 +2,45 @@
 
 mod support;
 
-use overfly::planner::{StopToken, plan};
+use overfly::camera::Rig;
+use overfly::planner::{Method, PlanOptions, StopToken, plan};
 use overfly::trajectory::plan::Plan;
-use support::{options, session, small_block, small_settings, snapshot};
+use support::{options, rigs, session, small_block, small_settings, snapshot};
 
-fn plan_on(threads: usize, seed: u64) -> (Vec<overfly_table::Block>, Plan) {
+fn plan_on(threads: usize, options: &PlanOptions) -> (Vec<overfly_table::Block>, Plan) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
     pool.install(|| {
         let settings = small_settings();
         let snapshot = snapshot(&session(small_block(8), &settings));
-        let plan =
-            plan(&snapshot, &settings, &options(seed, 120), &StopToken::default(), &mut |_| {}).expect("the block can be flown");
+        let plan = plan(&snapshot, &settings, options, &StopToken::default(), &mut |_| {}).expect("the block can be flown");
         (snapshot.storage().blocks().to_vec(), plan)
     })
 }
 
+fn with_rig(rig: Rig) -> PlanOptions {
+    PlanOptions { iterations: Some(80), ..PlanOptions::new(rig, Method::Paper, 11) }
+}
+
 #[test]
 fn field_and_plan_are_the_same_on_one_two_and_five_threads() {
-    let reference = plan_on(1, 11);
-    assert_eq!(plan_on(2, 11), reference);
-    assert_eq!(plan_on(5, 11), reference);
+    for options in rigs().into_iter().map(with_rig) {
+        let reference = plan_on(1, &options);
+        assert!(reference.1.waypoints.len() > 3 && reference.1.metrics.coverage_percent > 1.0, "{:?}", reference.1.metrics);
+        assert_eq!(plan_on(2, &options), reference, "{}", options.rig.name);
+        assert_eq!(plan_on(5, &options), reference, "{}", options.rig.name);
+    }
+}
+
+#[test]
+fn all_rigs_plan_on_one_and_the_same_field() {
+    let fields: Vec<_> = rigs().into_iter().map(|rig| plan_on(2, &with_rig(rig)).0).collect();
+    assert!(fields.windows(2).all(|pair| pair[0] == pair[1]));
 }
 
 #[test]
 fn another_seed_gives_another_plan_on_the_same_field() {
-    let (field, first) = plan_on(2, 11);
-    let (same_field, second) = plan_on(2, 12);
+    let (field, first) = plan_on(2, &options(11, 120));
+    let (same_field, second) = plan_on(2, &options(12, 120));
     assert_eq!(field, same_field);
     assert_ne!(first.waypoints, second.waypoints);
 }

@@ -47,9 +47,12 @@ fn the_keys_stand_in_the_documented_order() {
         "information",
         "objective",
     ];
-    let places: Vec<usize> =
-        keys.iter().map(|key| text.find(&format!("\"{key}\":")).unwrap_or_else(|| panic!("{key}"))).collect();
-    assert!(places.is_sorted(), "{places:?}");
+    let mut rest = text.as_str();
+    for key in keys {
+        let place = rest.find(&format!("\"{key}\":")).unwrap_or_else(|| panic!("there is no {key} behind the keys before it"));
+        rest = &rest[place + key.len()..];
+    }
+    assert!(!rest.contains("\": "), "there are more keys: {rest}");
 }
 
 #[test]

@@ -2,8 +2,11 @@
 
 mod block;
 
+use nalgebra::{Unit, Vector3};
+use overfly::camera::Intrinsics;
 use overfly::mission::svg::walls::{self, Tally};
 use overfly::mission::svg::{self, SvgError};
+use overfly::trajectory::plan::Plan;
 use overfly_table::{Block, FieldTable};
 use roxmltree::{Document, Node};
 
@@ -105,6 +108,53 @@ fn walls_are_drawn_in_the_step_of_their_share() {
     let drawn = places(full[0].attribute("d").unwrap());
     let south = places(by_id(&document, "buildings").first_element_child().unwrap().attribute("d").unwrap());
     assert_eq!((full.len(), drawn.as_slice()), (1, &south[..2]));
+}
+
+#[test]
+fn a_camera_on_a_gimbal_has_wedges_in_its_view_directions_and_other_rigs_have_none() {
+    let blocks = block::field(&block::city(3, 3));
+    let field = FieldTable::open(&blocks).unwrap();
+    let mut plan = block::plan(&field);
+    let views = |plan: &Plan| {
+        let text = String::from_utf8(svg::to_bytes(&field, plan).unwrap()).unwrap();
+        let document = Document::parse(&text).unwrap();
+        let wedges: Vec<Vec<[f64; 2]>> =
+            by_id(&document, "views").children().filter_map(|node| node.attribute("d")).map(places).collect();
+        (wedges, text)
+    };
+    assert_eq!(views(&plan).0.len(), 0, "a panorama looks everywhere");
+
+    let intrinsics = Intrinsics { focal_mm: 8.8, sensor_mm: [13.2, 8.8], pixels: [5472, 3648] };
+    plan.cameras[0].intrinsics = Some(intrinsics);
+    plan.metrics.battery_percent = Some(61.7);
+    plan.images[3].selected = false;
+    let look = |direction: Vector3<f64>| {
+        let mut plan = plan.clone();
+        let direction = Some(Unit::new_normalize(direction));
+        plan.waypoints.iter_mut().for_each(|waypoint| waypoint.direction = direction);
+        plan.images.iter_mut().for_each(|image| image.direction = direction);
+        plan
+    };
+    // East lies to the right on the sheet, north upwards.
+    let (level, text) = views(&look(Vector3::new(1.0, 0.0, 0.0)));
+    let axis = |wedge: &[[f64; 2]]| [0, 1].map(|k| (wedge[1][k] + wedge[2][k]) / 2.0 - wedge[0][k]);
+    assert!(level.len() > 3 && level.iter().all(|wedge| axis(wedge)[0] > 5.0 && axis(wedge)[1].abs() < 0.02), "{level:?}");
+    let (pitched, _) = views(&look(Vector3::new(0.0, 1.0, -1.0)));
+    let ratio = -axis(&pitched[0])[1] / axis(&level[0])[0];
+    assert!((ratio - 0.5f64.sqrt()).abs() < 0.01, "a view pitched by 45 degrees is drawn at {ratio} of its length");
+    assert_eq!(views(&look(-Vector3::z())).0.len(), 0, "straight down there is nothing to draw");
+
+    let selected = format!("{} selected", plan.images.len() - 1);
+    for part in ["62 %", selected.as_str(), "rig panoramic", "method paper", &minutes(plan.metrics.profile_s)] {
+        assert!(text.contains(part), "{part} is not on the sheet");
+    }
+    let mut bolted = look(Vector3::x());
+    bolted.cameras.push(bolted.cameras[0].clone());
+    assert_eq!(views(&bolted).0.len(), 0, "cameras that are bolted on turn with the path");
+}
+
+fn minutes(time_s: f64) -> String {
+    format!("{}:{:02}", time_s.round() as u64 / 60, time_s.round() as u64 % 60)
 }
 
 #[test]

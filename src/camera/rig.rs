@@ -65,11 +65,16 @@ impl Battery {
 pub enum RigError {
     #[error("there is no rig {0:?}; known rigs: {known}; or give a rig file ending with .toml", known = Rig::PRESETS.join(", "))]
     Unknown(String),
-    #[error("the rig file cannot be read as TOML of a rig: {0}; `config/rigs/` holds examples")]
+    #[error(
+        "the rig file cannot be read as TOML of a rig: {0}; `overfly rigs phantom4-rtk` prints a rig file to begin with; `config/rigs/` holds more"
+    )]
     Syntax(String),
     #[error("the rig {rig:?} cannot be flown: {fault}")]
     Impossible { rig: String, fault: String },
 }
+
+/// The distances of the coverage model belong to the camera of the paper's Phantom: 13.2 mm and 5472 pixels behind 8.8 mm.
+const REFERENCE_PIXEL_RAD: f64 = 13.2 / 5472.0 / 8.8;
 
 /// Cameras on one rig.
 const MOST_CAMERAS: usize = 8;
@@ -85,22 +90,26 @@ impl Rig {
     /// Names of the presets.
     pub const PRESETS: [&str; 4] = ["panoramic", "phantom4-rtk", "m300-oblique", "mavic3e"];
 
-    /// The preset called `name`; the files stand in `config/rigs/`.
+    /// The preset called `name`.
     pub fn preset(name: &str) -> Result<Self, RigError> {
-        let text = match name {
+        Self::parse(Self::preset_file(name)?)
+    }
+
+    /// The rig file of the preset called `name`, as it stands in `config/rigs/`.
+    pub fn preset_file(name: &str) -> Result<&'static str, RigError> {
+        Ok(match name {
             "panoramic" => include_str!("../../config/rigs/panoramic.toml"),
             "phantom4-rtk" => include_str!("../../config/rigs/phantom4-rtk.toml"),
             "m300-oblique" => include_str!("../../config/rigs/m300-oblique.toml"),
             "mavic3e" => include_str!("../../config/rigs/mavic3e.toml"),
             _ => return Err(RigError::Unknown(name.to_owned())),
-        };
-        Self::parse(text)
+        })
     }
 
     /// The rig that a file describes. Every number is checked.
     pub fn parse(text: &str) -> Result<Self, RigError> {
-        let file: RigFile = toml::from_str(text).map_err(|error| RigError::Syntax(error.to_string()))?;
-        file.check().and_then(|()| file.rig()).map_err(|fault| RigError::Impossible { rig: file.name.clone(), fault })
+        let file: RigFile = toml::from_str(text).map_err(|error| syntax(text, &error))?;
+        file.check().and_then(|()| file.rig()).map_err(|fault| RigError::Impossible { rig: shortened(&file.name), fault })
     }
 
     /// Whether a waypoint has a view direction of its own, which turns along the legs (section 5.4).
@@ -152,6 +161,16 @@ impl Rig {
             (_, Some(intrinsics)) => intrinsics.pixel_rad(),
             (_, None) => unreachable!("only a panorama has no intrinsics"),
         }
+    }
+
+    /// How much farther than the reference camera the rig sees as sharply, in quarters: its coarsest pixel decides. A panorama is an idea
+    /// of the paper without a lens, and counts as the reference.
+    pub fn sight_scale(&self) -> f64 {
+        if matches!(self.cameras, Cameras::Panoramic { .. }) {
+            return 1.0;
+        }
+        let coarsest = (0..self.camera_count()).map(|camera| self.pixel_rad(camera)).fold(0.0, f64::max);
+        ((4.0 * REFERENCE_PIXEL_RAD / coarsest).round() / 4.0).clamp(0.25, 4.0)
     }
 
     /// The discretised view directions of section 5.4 that the gimbal can reach: two rings and the nadir, V = 17 for a camera that can
@@ -251,8 +270,14 @@ impl RigFile {
             let fits = (least..=most).contains(&value);
             if fits { Ok(()) } else { Err(format!("`{what}` is {value}, but must lie between {least} and {most}")) }
         };
-        if self.name.trim().is_empty() || self.name.len() > 64 || self.name.chars().any(char::is_control) {
+        if !is_plain(&self.name) {
             return Err("`name` must have 1 to 64 bytes and no control characters".to_owned());
+        }
+        for (index, camera) in self.camera.iter().enumerate() {
+            if !is_plain(&camera.name) || self.camera[..index].iter().any(|other| other.name == camera.name) {
+                let name = shortened(&camera.name);
+                return Err(format!("`name` of camera {name:?} must be its own, with 1 to 64 bytes and no control characters"));
+            }
         }
         range("shutter_interval_s", self.shutter_interval_s, 0.05, 60.0)?;
         for camera in &self.camera {
@@ -320,6 +345,21 @@ impl RigFile {
     }
 }
 
+fn is_plain(name: &str) -> bool {
+    !name.trim().is_empty() && name.len() <= 64 && !name.chars().any(char::is_control)
+}
+
+/// Text of a file as it may stand in a message: somebody else may have written it.
+fn shortened(text: &str) -> String {
+    text.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+fn syntax(text: &str, error: &toml::de::Error) -> RigError {
+    let before = error.span().map_or(0, |span| span.start.min(text.len()));
+    let line = text.as_bytes()[..before].iter().filter(|&&byte| byte == b'\n').count() + 1;
+    RigError::Syntax(format!("line {line}: {}", shortened(error.message())))
+}
+
 impl CameraEntry {
     fn intrinsics(&self) -> Intrinsics {
         Intrinsics { focal_mm: self.focal_mm, sensor_mm: self.sensor_mm, pixels: self.pixels }
@@ -372,6 +412,12 @@ mod tests {
     }
 
     #[test]
+    fn a_longer_lens_sees_farther() {
+        let scales = Rig::PRESETS.map(|name| Rig::preset(name).unwrap().sight_scale());
+        assert_eq!(scales, [1.0, 1.0, 2.5, 1.0]);
+    }
+
+    #[test]
     fn bolted_cameras_turn_with_the_heading() {
         let rig = Rig::preset("m300-oblique").unwrap();
         let pose = |heading| Pose { position: Point3::new(0.0, 0.0, 50.0), direction: Some(heading) };
@@ -410,6 +456,9 @@ mod tests {
             (phantom, "shutter_interval_s = 1.0", "shutter_interval_s = -1.0", "shutter_interval_s"),
             (oblique, "pitch_deg = -90.0", "pitch_deg = -91.0", "pitch_deg"),
             (oblique, "yaw_deg = 0.0", "#", "yaw_deg"),
+            (oblique, "name = \"forward\"", "name = \"nadir\"", "nadir"),
+            (phantom, "name = \"main\"", "name = \"\"", "1 to 64 bytes"),
+            (phantom, "focal_mm = 8.8", "focal_mm = 'wide'", "line 1"),
         ] {
             assert!(text.contains(from));
             let error = Rig::parse(&text.replacen(from, to, 1)).expect_err("the rig is impossible").to_string();

@@ -12,7 +12,7 @@ Exit codes:
   0  done; a plan that stays below the coverage goal is a result too, with a note
   1  something unexpected, such as an output folder that cannot be written
   2  the command line itself is wrong
-  3  a scene or configuration file is missing, unreadable or refused
+  3  a scene, rig or configuration file is missing, unreadable or refused
   4  no daemon answers, the contact to it was lost, or it cannot start
   5  the daemon refused: unknown scene or structure, an edit that makes no sense
   6  no plan: nothing to fly in, a start that cannot be flown, an unknown rig or method
@@ -29,7 +29,7 @@ Examples:
   overfly plan town.geojson --out flights/town  plan without a daemon; writes plan.json, plan.svg, run.json
   overfly serve                                 start the daemon, then in another terminal:
   overfly load town.geojson
-  overfly plan town
+  overfly plan town --rig phantom4-rtk
   overfly edit town raise 8f02ac51 --by 15      the daemon replans at once
 ";
 
@@ -82,6 +82,8 @@ pub enum Command {
     Degrade(DegradeArgs),
     /// Plan and evaluate what the paper's tables and figures show, with the paper's own rows beside
     Reproduce(ReproduceArgs),
+    /// List the rigs that are built in, or print the file of one
+    Rigs(RigsArgs),
 }
 
 /// Which daemon is meant.
@@ -141,9 +143,12 @@ pub struct LoadArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "If SCENE is a file, or looks like a path (it holds a `/` or ends with .geojson, .json or .obj), it is planned in process; else \
-    it is the name of a scene that the daemon has loaded. Both give the same plan.json, byte for byte, for the same scene, settings, seed and iterations.\n\nExamples:\n  \
+    it is the name of a scene that the daemon has loaded. Both give the same plan.json, byte for byte, for the same scene, settings, seed and iterations.\n\n\
+    The rig decides what an image sees: `panoramic` everything around, a camera on a gimbal (`phantom4-rtk`, `mavic3e`) where its view \
+    direction points, cameras bolted to the airframe (`m300-oblique`) where the drone flies. `overfly rigs` lists them, `overfly rigs phantom4-rtk` \
+    prints a rig file to change.\n\nExamples:\n  \
     overfly plan town.geojson --seed 7 --out flights/town\n  overfly plan town.geojson --samples 1600 --viewpoints 2000 --iterations 1000\n  \
-    overfly plan town --start 10,-40,35"
+    overfly plan town.geojson --rig phantom4-rtk --start 10,-40,35 --look 90,-30\n  overfly plan town --rig my-drone.toml"
 )]
 pub struct PlanArgs {
     /// Scene file, or the name of a loaded scene
@@ -153,7 +158,7 @@ pub struct PlanArgs {
     /// Folder for plan.json, plan.svg and run.json; without it only the figures are printed
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Only for a file: TOML file whose keys replace the built-in values
+    /// Only for a scene file: TOML file whose keys replace the built-in values
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     #[command(flatten)]
@@ -201,7 +206,7 @@ pub enum ImageChoice {
 /// What is to be planned.
 #[derive(Debug, Clone, Args)]
 pub struct OrderArgs {
-    /// Cameras of the drone: panoramic, phantom4-rtk, m300-oblique, mavic3e, or a rig file
+    /// Cameras of the drone: panoramic, phantom4-rtk, m300-oblique, mavic3e, or a rig file (its name ends with .toml or holds a `/`)
     #[arg(long, value_name = "PRESET|RIG.toml", default_value = "panoramic")]
     pub rig: String,
     /// Planning method: `paper`, or a baseline: `op` (oblique photography), `smith` (after Smith 2018), `zhou` (after Zhou 2020)
@@ -216,8 +221,8 @@ pub struct OrderArgs {
     /// Start of the flight: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub start: Option<Meters3>,
-    /// Where a camera on a gimbal looks at the start: azimuth clockwise from north and pitch up from the horizon, degrees [default: the
-    /// direction that captures most]
+    /// Where the camera looks at the start, for a rig with a gimbal: azimuth clockwise from north and pitch up from the horizon, degrees
+    /// [default: the direction that captures most]
     #[arg(long, value_name = "AZIMUTH,PITCH", allow_hyphen_values = true)]
     pub look: Option<Degrees2>,
 }
@@ -380,6 +385,15 @@ pub struct GenerateArgs {
     /// Seed of the block
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
     pub seed: u64,
+    /// Size of the block, m east and north; `428,302` with `--buildings 84 --tallest 95` is the paper's scene NY-1
+    #[arg(long, value_name = "X,Y", default_value = "300,300")]
+    pub extent: Meters2,
+    /// Number of building lots
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = values::count)]
+    pub buildings: u32,
+    /// Height of the tallest tower, m
+    #[arg(long, value_name = "M", default_value_t = 90.0, value_parser = values::metres)]
+    pub tallest: f64,
     /// File to write [default: standard output]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -460,6 +474,16 @@ pub struct ReproduceArgs {
     /// TOML file whose keys replace the built-in values
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "A rig is the cameras of a drone. A file of the same form describes another one; its comments say what the keys mean.\n\n\
+    Example:\n  overfly rigs phantom4-rtk > my-drone.toml   # change focal length, sensor, gimbal, battery\n  overfly plan town.geojson --rig my-drone.toml"
+)]
+pub struct RigsArgs {
+    /// Print the rig file of this preset
+    pub name: Option<String>,
 }
 
 #[cfg(test)]

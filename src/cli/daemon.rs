@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::arguments::OrderArgs;
 use super::failure::Failure;
 use super::outputs::{self, FileNames, Flight};
-use super::rig_file;
+use super::rig_file::GivenRig;
 use super::shortfall::Heights;
 use crate::mission::plan_table;
 use crate::mission::run_json::Engine;
@@ -32,16 +32,16 @@ pub fn connect(name: Option<&str>) -> Result<Client, Failure> {
 }
 
 /// What the command line asks of the daemon.
-pub fn order(order: &OrderArgs) -> Result<overfly_client::PlanOrder, Failure> {
-    Ok(overfly_client::PlanOrder {
-        rig: order.rig.clone(),
+pub fn order(order: &OrderArgs, given: &GivenRig) -> overfly_client::PlanOrder {
+    overfly_client::PlanOrder {
+        rig: given.rig.name.clone(),
         method: order.method.clone(),
         seed: order.seed,
         iterations: order.iterations,
         start_m: order.start.map(|start| start.0),
         start_view_deg: order.look.map(|look| look.0),
-        rig_file: rig_file::text(&order.rig)?,
-    })
+        rig_file: given.text.clone(),
+    }
 }
 
 /// The domain plan of a published one.

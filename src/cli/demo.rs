@@ -91,20 +91,14 @@ fn building_to_raise(client: &Client, scene: &str) -> Result<String, Failure> {
 fn side_by_side(show: &Show) -> Vec<Vec<String>> {
     let (plan, replan) = (&show.plan, &show.replan);
     let mut rows = vec![vec![String::new(), "plan".to_owned(), "replan".to_owned()]];
-    let mut row = |label: &str, value: fn(&Plan, &RunTimes) -> String| {
-        rows.push(vec![label.to_owned(), value(&plan.0, &plan.1), value(&replan.0, &replan.1)]);
-    };
-    row("search and check, s", |_, times| format!("{:.3}", times.search_s + times.check_s));
-    row("captured of capturable, %", |plan, _| format!("{:.1}", plan.metrics.coverage_percent));
-    row("captured of exposed, %", |plan, _| format!("{:.1}", plan.metrics.coverage_exposed_percent));
-    row("capturable (ceiling), %", |plan, _| format!("{:.1}", plan.metrics.capturable_percent));
-    row("length, m", |plan, _| format!("{:.0}", plan.metrics.length_m));
-    row("waypoints", |plan, _| plan.waypoints.len().to_string());
-    row("movement, s", |plan, _| format!("{:.1}", plan.metrics.movement_s));
-    row("turning, s", |plan, _| format!("{:.1}", plan.metrics.turning_s));
-    let field = vec!["field, s".to_owned(), format!("{:.3}", show.loaded.field_s), format!("{:.3}", replan.1.field_s)];
-    rows.insert(1, field);
-    rows.insert(3, vec!["edit to safe plan, s".to_owned(), "-".to_owned(), format!("{:.3}", show.edit_to_plan_s)]);
+    rows.push(vec!["edit to safe plan, s".to_owned(), "-".to_owned(), format!("{:.3}", show.edit_to_plan_s)]);
+    // The first plan's field was built when the scene was loaded.
+    let plan_times = RunTimes { field_s: show.loaded.field_s, ..plan.1 };
+    let (of_plan, of_replan) = (outputs::figures(&plan.0, &plan_times), outputs::figures(&replan.0, &replan.1));
+    rows.extend(of_plan.into_iter().zip(of_replan).map(|(mut row, other)| {
+        row.extend(other.into_iter().skip(1));
+        row
+    }));
     rows
 }
 

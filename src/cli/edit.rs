@@ -67,7 +67,7 @@ fn receive(client: &Client, arguments: &EditArgs, edited: &Edited, started: Inst
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
-    let command = format!("overfly plan {}", arguments.scene);
+    let command = plan::command(&arguments.scene, &plan.rig);
     plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), form);
     Ok(plan::answer(&flight, &files, asked))
 }

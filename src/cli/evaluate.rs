@@ -27,11 +27,29 @@ pub fn run(arguments: &EvaluateArgs, form: Form) -> Result<Answer, Failure> {
     settings.quality.samples = arguments.samples.unwrap_or(settings.quality.samples);
     settings.check()?;
     let given = plan_read::read(&arguments.plan.to_string_lossy(), &read_bounded(&arguments.plan)?)?;
-    let truth_file = arguments.truth.clone().map_or_else(|| scene_file(&arguments.plan, &given), Ok)?;
+    let run_file = run_file(&arguments.plan);
+    let run = read_run(&run_file, &given);
+    let truth_file = match &arguments.truth {
+        Some(truth) => truth.clone(),
+        None => run.as_ref().map_err(String::clone).and_then(scene_file).map_err(|cause| Failure::UnknownScene {
+            plan: arguments.plan.clone(),
+            run: run_file,
+            cause,
+        })?,
+    };
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
 
     let meter = Meter::new(form);
-    let assessed = assess(&given, &truth_file, arguments.images.which(), &settings, meter)?;
+    let mut assessed = assess(&given, &truth_file, arguments.images.which(), &settings, meter)?;
+    if let Ok(run) = &run
+        && arguments.config.is_none()
+        && run["settings"].as_object().is_some_and(|differing| !differing.is_empty())
+    {
+        assessed.notes.push(
+            "the plan was made with other settings than the built-in ones used here (`settings` in its run.json); give them with `--config`"
+                .to_owned(),
+        );
+    }
     let report = Report {
         plan: &assessed.plan,
         truth: &assessed.truth.scene().name,
@@ -114,23 +132,31 @@ fn read_bounded(path: &Path) -> Result<Vec<u8>, Failure> {
     Ok(bytes)
 }
 
-/// The scene file that the `run.json` beside the plan names.
-fn scene_file(plan_file: &Path, plan: &Plan) -> Result<PathBuf, Failure> {
-    let run_file = plan_file.with_file_name(match plan_file.file_stem().map(|stem| stem.to_string_lossy().into_owned()) {
+/// The `run.json` that stands beside a plan.
+fn run_file(plan_file: &Path) -> PathBuf {
+    plan_file.with_file_name(match plan_file.file_stem().map(|stem| stem.to_string_lossy().into_owned()) {
         Some(stem) if stem != "plan" => format!("{stem}-run.json"),
         _ => "run.json".to_owned(),
-    });
-    let unknown =
-        |cause: &str| Failure::UnknownScene { plan: plan_file.to_owned(), run: run_file.clone(), cause: cause.to_owned() };
-    let text = fs::read(&run_file).map_err(|error| unknown(&error.to_string()))?;
-    let run: Value = serde_json::from_slice(&text).map_err(|error| unknown(&error.to_string()))?;
-    if run["scene"] != plan.scene.name || run["revision"] != plan.scene.revision {
-        return Err(unknown("it belongs to another plan"));
-    }
-    let named =
-        run["scene_file"].as_str().ok_or_else(|| unknown("it names no scene file, as for a scene that a daemon holds"))?;
+    })
+}
+
+/// Its content, or why there is none that belongs to the plan.
+fn read_run(run_file: &Path, plan: &Plan) -> Result<Value, String> {
+    let text = read_bounded(run_file).map_err(|failure| match failure {
+        Failure::Read { cause, .. } => cause.to_string(),
+        other => other.to_string(),
+    })?;
+    let run: Value = serde_json::from_slice(&text).map_err(|error| error.to_string())?;
+    let is_of_plan = run["scene"] == plan.scene.name && run["revision"] == plan.scene.revision;
+    if is_of_plan { Ok(run) } else { Err("it belongs to another plan".to_owned()) }
+}
+
+/// The scene file that it names.
+fn scene_file(run: &Value) -> Result<PathBuf, String> {
+    let unnamed = || "it names no scene file, as for a scene that a daemon holds".to_owned();
+    let named = run["scene_file"].as_str().ok_or_else(unnamed)?;
     let file = PathBuf::from(named);
-    if file.is_file() { Ok(file) } else { Err(unknown(&format!("its scene file {named:?} is gone"))) }
+    if file.is_file() { Ok(file) } else { Err(format!("its scene file {named:?} is gone")) }
 }
 
 fn write(folder: &Path, report: &Report, assessed: &Assessed) -> Result<Vec<PathBuf>, Failure> {

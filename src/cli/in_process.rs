@@ -10,8 +10,7 @@ use overfly_wire::message::plain_scene_name;
 use super::arguments::OrderArgs;
 use super::failure::Failure;
 use super::progress::Meter;
-use super::rig_file;
-use crate::camera::direction_of;
+use crate::camera::{Rig, direction_of};
 use crate::planner::{self, Method, PlanOptions, StopToken};
 use crate::scene::{self, ImportReport, Scene};
 use crate::session::{FieldError, Session, Snapshot};
@@ -90,11 +89,13 @@ pub fn build_field(scene: Scene, settings: &Arc<Settings>, stop: &StopToken, met
 }
 
 /// What the command line asks of the planner.
-pub fn options(order: &OrderArgs) -> Result<PlanOptions, Failure> {
-    Ok(PlanOptions {
+pub fn options(order: &OrderArgs, rig: &Rig) -> Result<PlanOptions, Failure> {
+    let options = PlanOptions {
         iterations: order.iterations,
         start_m: order.start.map(|start| Point3::from(start.0)),
         start_view: order.look.map(|look| direction_of(look.0[0], look.0[1])),
-        ..PlanOptions::new(rig_file::rig(&order.rig)?, Method::parse(&order.method)?, order.seed)
-    })
+        ..PlanOptions::new(rig.clone(), Method::parse(&order.method)?, order.seed)
+    };
+    options.check()?;
+    Ok(options)
 }

@@ -21,6 +21,7 @@ mod private_daemon;
 mod progress;
 mod reproduce;
 mod rig_file;
+mod rigs;
 mod scene;
 mod serve;
 mod settings_file;
@@ -75,6 +76,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Generate(arguments) => generate::run(arguments, form).map(Some),
         Command::Degrade(arguments) => degrade::run(arguments, form).map(Some),
         Command::Reproduce(arguments) => reproduce::run(arguments, form).map(Some),
+        Command::Rigs(arguments) => rigs::run(arguments).map(Some),
     }
 }
 

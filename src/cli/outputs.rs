@@ -104,30 +104,37 @@ pub fn write(folder: &Path, names: &FileNames, flight: &Flight, field: Option<&F
 pub fn figures(plan: &Plan, times: &RunTimes) -> Vec<Vec<String>> {
     let metrics = &plan.metrics;
     let row = |label: &str, value: String| vec![label.to_owned(), value];
-    vec![
+    let mut rows = vec![
         row("captured of capturable, %", format!("{:.1}", metrics.coverage_percent)),
         row("captured of exposed, %", format!("{:.1}", metrics.coverage_exposed_percent)),
         row("capturable (ceiling), %", format!("{:.1}", metrics.capturable_percent)),
         row("length, m", format!("{:.0}", metrics.length_m)),
         row("waypoints", plan.waypoints.len().to_string()),
         row("images", plan.images.len().to_string()),
+        row("selected images", plan.selected_images().to_string()),
         row("movement, s", format!("{:.1}", metrics.movement_s)),
         row("turning, s", format!("{:.1}", metrics.turning_s)),
         row("flight, s", format!("{:.1}", metrics.flight_s)),
+        row("speed profile, s", format!("{:.1}", metrics.profile_s)),
         row("least clearance, m", format!("{:.2}", plan.clearance_m)),
         row("iterations", plan.convergence.len().to_string()),
         row("field, s", format!("{:.3}", times.field_s)),
         row("search, s", format!("{:.3}", times.search_s)),
         row("check, s", format!("{:.3}", times.check_s)),
         row("total, s", format!("{:.3}", times.total_s)),
-    ]
+    ];
+    if let Some(battery_percent) = metrics.battery_percent {
+        let behind_times = rows.iter().position(|row| row[0] == "speed profile, s").map_or(0, |index| index + 1);
+        rows.insert(behind_times, row("battery, %", format!("{battery_percent:.0}")));
+    }
+    rows
 }
 
-/// The same for scripts.
+/// The figures of `plan.json` and what goes with them, for scripts.
 pub fn figures_json(flight: &Flight, files: &[PathBuf]) -> Value {
     let Flight { plan, times, .. } = flight;
-    let metrics = &plan.metrics;
-    json!({
+    let mut figures = plan_json::metrics(plan);
+    let others = json!({
         "scene": plan.scene.name,
         "revision": plan.scene.revision,
         "engine": flight.engine,
@@ -136,16 +143,7 @@ pub fn figures_json(flight: &Flight, files: &[PathBuf]) -> Value {
         "method": plan.method,
         "stop": run_json::stop_name(plan.stop),
         "goal_percent": plan.goal_percent,
-        "goal_reached": is_goal_reached(plan),
-        "coverage_percent": metrics.coverage_percent,
-        "coverage_exposed_percent": metrics.coverage_exposed_percent,
-        "capturable_percent": metrics.capturable_percent,
-        "length_m": metrics.length_m,
-        "waypoints": plan.waypoints.len(),
-        "images": plan.images.len(),
-        "movement_s": metrics.movement_s,
-        "turning_s": metrics.turning_s,
-        "flight_s": metrics.flight_s,
+        "goal_reached": plan.stop == StopReason::GoalReached,
         "clearance_m": plan.clearance_m,
         "iterations": plan.convergence.len(),
         "field_s": times.field_s,
@@ -154,9 +152,9 @@ pub fn figures_json(flight: &Flight, files: &[PathBuf]) -> Value {
         "total_s": times.total_s,
         "edit_to_plan_s": flight.edit_to_plan_s,
         "files": files.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
-    })
-}
-
-fn is_goal_reached(plan: &Plan) -> bool {
-    plan.stop == StopReason::GoalReached
+    });
+    if let (Value::Object(figures), Value::Object(others)) = (&mut figures, others) {
+        figures.extend(others);
+    }
+    figures
 }

@@ -11,19 +11,21 @@ use super::failure::Failure;
 use super::interrupt::Interrupts;
 use super::outputs::{self, FileNames, Flight, Folder};
 use super::progress::Meter;
+use super::rig_file::GivenRig;
 use super::shortfall::{self, Heights};
-use super::{daemon, import_lines, in_process, settings_file};
+use super::{daemon, import_lines, in_process, rig_file, settings_file};
 use crate::mission::run_json::Engine;
 use crate::planner::{PlanOptions, StopToken};
 use crate::trajectory::plan::StopReason;
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
-    let options = in_process::options(&arguments.order)?;
+    let given = rig_file::read(&arguments.order.rig)?;
+    let options = in_process::options(&arguments.order, &given.rig)?;
     let scene = &arguments.scene;
     if Path::new(scene).is_file() || looks_like_path(scene) {
-        plan_file(arguments, &options, form)
+        plan_file(arguments, &given, &options, form)
     } else {
-        plan_loaded(arguments, form)
+        plan_loaded(arguments, &given, form)
     }
 }
 
@@ -33,7 +35,7 @@ fn looks_like_path(scene: &str) -> bool {
     scene.contains('/') || [".geojson", ".json", ".obj"].iter().any(|ending| lower.ends_with(ending))
 }
 
-fn plan_file(arguments: &PlanArgs, options: &PlanOptions, form: Form) -> Result<Answer, Failure> {
+fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form: Form) -> Result<Answer, Failure> {
     let settings = Arc::new(settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?);
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let mut meter = Meter::new(form);
@@ -53,7 +55,7 @@ fn plan_file(arguments: &PlanArgs, options: &PlanOptions, form: Form) -> Result<
         engine: Engine::InProcess,
         edit_to_plan_s: None,
         import: serde_json::to_value(&planned.report).ok(),
-        order: Some(order_json(&arguments.order)),
+        order: Some(order_json(&arguments.order, given)),
         settings: settings_file::differing(&settings),
         scene_file: std::path::absolute(&arguments.scene).ok().map(|path| path.to_string_lossy().into_owned()),
     };
@@ -62,11 +64,11 @@ fn plan_file(arguments: &PlanArgs, options: &PlanOptions, form: Form) -> Result<
         None => Vec::new(),
     };
     let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
-    remark_shortfall(&flight, &format!("overfly plan {}", arguments.scene), Some(&heights), form);
+    remark_shortfall(&flight, &command(&arguments.scene, &arguments.order.rig), Some(&heights), form);
     Ok(answer(&flight, &files, asked))
 }
 
-fn plan_loaded(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
+fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Answer, Failure> {
     refuse_file_options(arguments)?;
     let domain = arguments.reach.domain.clone();
     let client = daemon::connect(domain.as_deref()).map_err(|failure| neither(&arguments.scene, failure))?;
@@ -74,21 +76,26 @@ fn plan_loaded(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
     let mut meter = Meter::new(form);
     let scene = arguments.scene.clone();
     let interrupts = Interrupts::first(form, move || daemon::cancel(domain.as_deref(), &scene));
-    let message = client.plan(&arguments.scene, &daemon::order(&arguments.order)?, &mut |note| meter.note(note))?;
+    let message = client.plan(&arguments.scene, &daemon::order(&arguments.order, given), &mut |note| meter.note(note))?;
     drop(interrupts);
     let asked = arguments.order.iterations.or(meter.asked());
     drop(meter);
     let (plan, times) = daemon::plan_of(&message)?;
-    let flight = Flight { order: Some(order_json(&arguments.order)), ..daemon::flight(&plan, times, None, None) };
+    let flight = Flight { order: Some(order_json(&arguments.order, given)), ..daemon::flight(&plan, times, None, None) };
     let mut files = Vec::new();
     if let Some(folder) = &arguments.out {
         let (written, remark) = daemon::write(&client, folder, &FileNames::of_plan(), &flight)?;
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
-    let command = format!("overfly plan {}", arguments.scene);
-    remark_shortfall(&flight, &command, daemon::heights(&client, &plan).as_ref(), form);
+    remark_shortfall(&flight, &command(&arguments.scene, &arguments.order.rig), daemon::heights(&client, &plan).as_ref(), form);
     Ok(answer(&flight, &files, asked))
+}
+
+/// The command for another plan of the same scene with the same rig, as it is typed.
+pub fn command(scene: &str, rig: &str) -> String {
+    let rig = if rig == "panoramic" { String::new() } else { format!(" --rig {rig}") };
+    format!("overfly plan {scene}{rig}")
 }
 
 /// What a command answers that ends with one plan; `asked` are the iterations that the search was to make, where they are known.
@@ -116,9 +123,10 @@ pub fn remark_shortfall(flight: &Flight, command: &str, heights: Option<&Heights
     }
 }
 
-fn order_json(order: &OrderArgs) -> Value {
+fn order_json(order: &OrderArgs, given: &GivenRig) -> Value {
     json!({
         "rig": order.rig,
+        "rig_file": given.text,
         "method": order.method,
         "seed": order.seed,
         "iterations": order.iterations,

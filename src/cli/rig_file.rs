@@ -1,26 +1,42 @@
 //! `--rig`: the name of a preset, or a rig file.
 
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::Path;
+
+use overfly_wire::message::MAX_RIG_FILE_BYTES;
 
 use super::failure::Failure;
 use crate::camera::{Rig, RigError};
 
-/// The rig that the command line names.
-pub fn rig(given: &str) -> Result<Rig, Failure> {
-    match text(given)? {
-        None => Ok(Rig::preset(given)?),
-        Some(text) => Rig::parse(&text).map_err(|cause| Failure::RigFile { path: given.into(), cause }),
-    }
+/// What `--rig` names.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GivenRig {
+    pub rig: Rig,
+    /// The content of the rig file; `None` for a preset.
+    pub text: Option<String>,
 }
 
-/// The content of the rig file, when it is one that is named and not a preset.
-pub fn text(given: &str) -> Result<Option<String>, Failure> {
+/// The rig that the command line names. A file is read once: it may be a pipe.
+pub fn read(given: &str) -> Result<GivenRig, Failure> {
     if Rig::PRESETS.contains(&given) || !is_file_name(given) {
-        return Ok(None);
+        return Ok(GivenRig { rig: Rig::preset(given)?, text: None });
     }
-    let remedy = "give a rig file that you may read; `config/rigs/` holds examples";
     let path = Path::new(given);
-    std::fs::read_to_string(path).map(Some).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })
+    let remedy = "give a rig file that you may read; `overfly rigs phantom4-rtk` prints one to begin with";
+    let text = read_text(path).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })?;
+    let rig = Rig::parse(&text).map_err(|cause| Failure::RigFile { path: path.to_owned(), cause })?;
+    Ok(GivenRig { rig, text: Some(text) })
+}
+
+/// No more is read than a rig file may have, whatever stands there.
+fn read_text(path: &Path) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(MAX_RIG_FILE_BYTES as u64 + 1).read_to_end(&mut bytes)?;
+    if bytes.len() > MAX_RIG_FILE_BYTES {
+        return Err(io::Error::other(format!("it has more than {MAX_RIG_FILE_BYTES} bytes")));
+    }
+    String::from_utf8(bytes).map_err(|_| io::Error::other("it is not UTF-8 text"))
 }
 
 fn is_file_name(given: &str) -> bool {

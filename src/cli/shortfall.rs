@@ -25,12 +25,17 @@ impl Heights {
     }
 }
 
-/// The remark with the next step; `command` is what takes `--iterations`, as it is typed.
+/// The remarks with the next steps; `command` is what takes `--iterations`, as it is typed.
 pub fn note(plan: &Plan, command: &str, heights: Option<&Heights>) -> Option<String> {
+    let notes: Vec<String> = [below_goal(plan, command), low_ceiling(plan, heights)].into_iter().flatten().collect();
+    (!notes.is_empty()).then(|| notes.join("\n"))
+}
+
+/// How far a plan stays below its goal, and what comes nearer.
+fn below_goal(plan: &Plan, command: &str) -> Option<String> {
     if plan.stop == StopReason::GoalReached {
         return None;
     }
-    let metrics = &plan.metrics;
     let advice = if is_rising(plan) {
         let wanted = 4 * plan.convergence.len().max(100);
         format!("coverage was still rising, so more iterations come nearer (`{command} --iterations {wanted}`)")
@@ -38,22 +43,33 @@ pub fn note(plan: &Plan, command: &str, heights: Option<&Heights>) -> Option<Str
         "coverage hardly rose at the end, so a smaller weight of turning comes nearer (`objective.alpha_t` in the file of `--config`)"
             .to_owned()
     };
-    let mut note = format!(
+    Some(format!(
         "note: the plan captures {:.1} % of the capturable samples, the goal is {:.1} %; {advice}",
-        metrics.coverage_percent, plan.goal_percent
+        plan.metrics.coverage_percent, plan.goal_percent
+    ))
+}
+
+/// What no plan can capture, whatever its length, and what would bring it within reach.
+fn low_ceiling(plan: &Plan, heights: Option<&Heights>) -> Option<String> {
+    let reachable = plan.metrics.capturable_percent;
+    if reachable >= LOW_CEILING {
+        return None;
+    }
+    let mut note = format!(
+        "note: all admissible views of the rig {:?} together capture {reachable:.1} % of the exposed surface, so no plan captures more; a \
+         lower `coverage.threshold_percent` asks for less",
+        plan.rig
     );
-    let too_high =
-        heights.filter(|heights| metrics.capturable_percent < LOW_CEILING && heights.tallest_m > heights.highest_view_m);
-    if let Some(heights) = too_high {
+    // Nothing sees more than a panorama does.
+    if plan.cameras.iter().any(|camera| camera.intrinsics.is_some()) {
+        note.push_str(", another rig may see more (`--rig`; `overfly rigs` lists some)");
+    }
+    if let Some(heights) = heights.filter(|heights| heights.tallest_m > heights.highest_view_m) {
         let ceiling = match heights.legal_ceiling_m {
             Some(ceiling_m) => format!("the legal ceiling is {ceiling_m:.0} m (`flight.legal_ceiling_m`)"),
             None => format!("the highest view is at {:.0} m (`flight.legal_ceiling_m` limits it)", heights.highest_view_m),
         };
-        note.push_str(&format!(
-            "\nnote: {:.1} % of the exposed surface lies beyond reach; structures rise to {:.0} m, {ceiling}",
-            100.0 - metrics.capturable_percent,
-            heights.tallest_m
-        ));
+        note.push_str(&format!("; structures rise to {:.0} m, {ceiling}", heights.tallest_m));
     }
     Some(note)
 }

@@ -9,7 +9,7 @@ use crate::planner::{Method, PlanOptions};
 use crate::scene::edit::{Edit, EditError};
 use crate::scene::{Scene, StructureId};
 
-/// Refuses an order for a rig or method that does not exist, before it costs anybody a search.
+/// Refuses an order for a rig, method or view that does not exist, before it costs anybody a search.
 pub fn check_plan(order: &PlanOrder) -> Result<(), Refusal> {
     plan_options(order).map(|_| ())
 }
@@ -23,12 +23,14 @@ pub fn plan_options(order: &PlanOrder) -> Result<PlanOptions, Refusal> {
     };
     let rig = rig.map_err(|error| refusal(&error))?;
     let method = Method::parse(&order.method).map_err(|error| refusal(&error))?;
-    Ok(PlanOptions {
+    let options = PlanOptions {
         iterations: order.iterations,
         start_m: order.start_m.map(Point3::from),
         start_view: order.start_view_deg.map(|[azimuth_deg, pitch_deg]| direction_of(azimuth_deg, pitch_deg)),
         ..PlanOptions::new(rig, method, order.seed)
-    })
+    };
+    options.check().map_err(|error| refusal(&error))?;
+    Ok(options)
 }
 
 /// The edit of `scene` that a client means.

@@ -6,6 +6,7 @@
 
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
+use serde_json::Value;
 
 use crate::camera::Intrinsics;
 use crate::frame::Geodetic;
@@ -32,6 +33,11 @@ pub fn to_bytes(plan: &Plan) -> Vec<u8> {
     ];
     let lines: Vec<String> = members.iter().map(|(key, value)| format!("  \"{key}\": {value}")).collect();
     format!("{{\n{}\n}}\n", lines.join(",\n")).into_bytes()
+}
+
+/// The figures of a plan, as they stand under `metrics`.
+pub fn metrics(plan: &Plan) -> Value {
+    serde_json::to_value(metrics_entry(plan)).expect("an entry has string keys and no failing serialiser")
 }
 
 #[derive(Serialize)]

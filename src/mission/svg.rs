@@ -13,6 +13,7 @@ mod sheet;
 mod side_view;
 mod thin;
 mod top_view;
+mod views;
 pub mod walls;
 
 use overfly_table::FieldTable;

@@ -42,10 +42,16 @@ pub fn flown(truth: &Truth, curve: &[Point3<f64>], safety_distance_m: f64) -> Fl
 
 fn leg_distance_m(truth: &Truth, leg: &[Point3<f64>; 2], cap_m: f64) -> f64 {
     let ground_m = leg[0].z.min(leg[1].z);
-    if ground_m <= 0.0 || points_of(leg).any(|point| truth.free.structure_around(&point).is_some()) {
+    if ground_m <= 0.0 || passes_scene(truth, leg) && points_of(leg).any(|point| truth.free.structure_around(&point).is_some()) {
         return 0.0;
     }
     truth.free.clearance.segment_distance_m(&leg[0], &leg[1], ground_m.min(cap_m))
+}
+
+/// Whether the box around the leg meets that of the scene: else there is nothing to enter.
+fn passes_scene(truth: &Truth, leg: &[Point3<f64>; 2]) -> bool {
+    let (low, high) = (leg[0].inf(&leg[1]), leg[0].sup(&leg[1]));
+    truth.scene().bounds().is_some_and(|bounds| (0..3).all(|i| bounds.min[i] <= high[i] && low[i] <= bounds.max[i]))
 }
 
 /// The first place inside a structure or the ground, else the one that is nearest to one.

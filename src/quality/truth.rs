@@ -28,6 +28,16 @@ pub struct TruthSample {
     pub structure: u32,
 }
 
+/// Of a scene whose surface is nearly all buried the exposed part alone would take many times the target in all, and as much memory: it
+/// is sampled more coarsely.
+const MOST_BURIED: f64 = 10.0;
+
+fn bounded(sampling: Sampling, scene: &Scene, target: u32) -> Sampler {
+    let sampler = Sampler::new(sampling);
+    let excess = sampler.estimate(scene) / (MOST_BURIED * f64::from(target));
+    if excess <= 1.0 { sampler } else { Sampler::new(Sampling { spacing_m: sampling.spacing_m * excess.sqrt(), ..sampling }) }
+}
+
 impl Truth {
     /// Samples the scene as densely as `quality.samples` asks, in the way in which a field samples its own.
     pub fn new(scene: Scene, settings: &Settings, stop: &StopToken) -> Result<Self, FieldError> {
@@ -38,7 +48,8 @@ impl Truth {
         if spacing_m <= 0.0 {
             return Err(no_surface());
         }
-        let all = Sampler::new(Sampling { spacing_m, seed, offset_m }).sample(&scene, stop).ok_or(FieldError::Stopped)?;
+        let sampler = bounded(Sampling { spacing_m, seed, offset_m }, &scene, target);
+        let all = sampler.sample(&scene, stop).ok_or(FieldError::Stopped)?;
         let exposed = all.iter().filter(|sample| sample.exposed);
         let samples: Vec<_> = exposed
             .map(|sample| TruthSample {

@@ -26,7 +26,9 @@ pub struct Objective {
     scale: f64,
     /// alpha_e times the length unit, m.
     efficiency_m: f64,
-    /// E_e counts shorter paths as this long, m: G/L has no bound as L goes to 0, and the best path would have no length.
+    /// E_e counts shorter paths as this long, m. G/L has no bound as L goes to 0, and the best path would have no length. At least
+    /// `efficiency_m`: with c = `efficiency_m` a longer path raises G (1 + c/L) when its new legs gain more than c / (L + c) of what
+    /// the others gained on average, so that below c trees stay with their first lucky legs and never grow.
     shortest_m: f64,
 }
 
@@ -38,10 +40,11 @@ impl Objective {
         // Information counts cells times mm^2. A sample of area a with all K cells covered has r = 100 %, and a scene of the
         // reference area with a mean r of 1 % is worth `information_scale`.
         let percent_per_square_metre = settings.information_scale / settings.reference_area_m2;
+        let efficiency_m = settings.eta * reference_length_m;
         Self {
             scale: percent_per_square_metre * 100.0 / (CELLS as f64 * 1e6),
-            efficiency_m: settings.eta * reference_length_m,
-            shortest_m: neighbour_radius_m,
+            efficiency_m,
+            shortest_m: neighbour_radius_m.max(efficiency_m),
             settings,
         }
     }
@@ -97,6 +100,18 @@ mod tests {
         let settings = Settings::default();
         let information = (settings.objective.reference_area_m2 * 1e6) as u64 * CELLS as u64;
         assert!((objective().gain(information) - 80.0 * 100.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_path_is_worth_its_information_its_efficiency_and_less_its_turns() {
+        // On the reference scene c = 0.3 * 2151 = 645.3 m; a tenth of all cells is G = 800.
+        let settings = Settings::default();
+        let information = (settings.objective.reference_area_m2 * 1e5) as u64 * CELLS as u64;
+        let sums = PathSums { information, length_m: 2000.0, turning_s: 20.0 };
+        assert!((objective().value(&sums) - (800.0 * (1.0 + 645.3 / 2000.0) - 10.0 * 20.0)).abs() < 1e-6);
+        // Below c the length does not matter.
+        let shorter = PathSums { length_m: 500.0, ..sums };
+        assert!((objective().value(&shorter) - (800.0 * 2.0 - 200.0)).abs() < 1e-6);
     }
 
     #[test]

@@ -2,17 +2,19 @@
 
 use std::sync::Arc;
 
+use nalgebra::{Unit, Vector3};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
 
-use super::leg::image_poses;
+use super::leg::{heading, image_poses};
 use super::objective::PathSums;
 use super::outcome::StopReason;
 use super::problem::Problem;
 use super::rrt_star::{expand, rewire_tree, search};
 use super::tree::Tree;
-use crate::camera::{Pose, Rig};
+use crate::camera::{Cameras, Pose, Rig, direction_of};
+use crate::coverage::Mask;
 use crate::field::Snapshot;
 use crate::scene::{BlockSettings, generate_block};
 use crate::session::Session;
@@ -34,8 +36,18 @@ fn panoramic() -> Rig {
     Rig::preset("panoramic").expect("a preset")
 }
 
+/// The presets, and a gimbal whose range great circles between admissible directions easily leave.
+fn rigs() -> Vec<Rig> {
+    let phantom = include_str!("../../config/rigs/phantom4-rtk.toml");
+    let narrow = Rig::parse(&phantom.replace("[-90.0, 30.0]", "[-52.0, -12.0]")).expect("a rig");
+    Rig::PRESETS.into_iter().map(|name| Rig::preset(name).expect("a preset")).chain([narrow]).collect()
+}
+
 fn root(problem: &Problem) -> Pose {
-    Pose { position: problem.field.viewpoints[0].position_m.into(), direction: None }
+    // A direction that is none of the discretised ones, as a user may give it: the next waypoints may keep it.
+    let given = problem.rig.has_gimbal().then(|| direction_of(10.0, -30.0));
+    let direction = given.or(problem.rig.pose_directions()[0]);
+    Pose { position: problem.field.viewpoints[0].position_m.into(), direction }
 }
 
 fn grown<'p, 'a>(problem: &'p Problem<'a>, seed: u64, iterations: usize) -> Tree<'p, 'a> {
@@ -70,8 +82,35 @@ fn brute_force(problem: &Problem, path: &[Pose]) -> (PathSums, u32, Vec<u128>) {
     sums.information =
         (0..covered.len()).map(|i| u64::from(cells(i)) * problem.field.samples[i].area_mm2).sum::<u64>() - root_information;
     let threshold = problem.field.facts.threshold_cells;
-    let captured = (0..covered.len()).filter(|&i| cells(i) > threshold && u32::from(problem.field.ceilings[i]) > threshold);
+    let captured = (0..covered.len()).filter(|&i| cells(i) > threshold && u32::from(problem.ceilings[i]) > threshold);
     (sums, captured.count() as u32, covered)
+}
+
+/// Whether a leg may be flown with these view directions: written anew, with angles where the planner has sines.
+fn is_admissible(problem: &Problem, settings: &Settings, from: &Pose, to: &Pose) -> bool {
+    let Cameras::Gimbal { sin_pitch, .. } = &problem.rig.cameras else { return true };
+    let (first, last) = (from.direction.expect("a direction"), to.direction.expect("a direction"));
+    let slowest_rad_s = [
+        settings.dynamics.yaw_rate_dps.to_radians(),
+        settings.dynamics.gimbal_rate_dps.to_radians(),
+        problem.rig.blur_limit_rad_s,
+    ]
+    .into_iter()
+    .fold(f64::INFINITY, f64::min);
+    let leg_m = (to.position - from.position).norm();
+    let most_rad = (slowest_rad_s * leg_m / settings.flight.cruise_speed_mps).min(settings.search.view_turn_deg.to_radians());
+    let images = (leg_m / problem.image_spacing_m).floor().max(1.0) as usize;
+    let pitch_of = |share: f64| first.slerp(&last, share).z.clamp(-1.0, 1.0).asin();
+    let [low, high] = sin_pitch.map(f64::asin);
+    first.angle(&last) <= most_rad + 1e-9
+        && (1..=images).map(|k| pitch_of(k as f64 / images as f64)).all(|pitch| (low - 1e-6..=high + 1e-6).contains(&pitch))
+}
+
+/// What a leg gains beyond `covered`, image by image.
+fn gain_of_leg(problem: &Problem, covered: &[Mask], from: &Pose, to: &Pose) -> u64 {
+    let (mut covered, mut scratch) = (covered.to_vec(), problem.scratch());
+    let images = image_poses(&problem.rig, from, to, problem.image_spacing_m);
+    images.map(|pose| problem.cover(&mut covered, &problem.observe_pose(&pose, &mut scratch)).information).sum()
 }
 
 proptest! {
@@ -79,36 +118,141 @@ proptest! {
     #[test]
     fn every_node_agrees_with_its_path_recomputed_from_nothing(seed in 0u64..1000) {
         let (snapshot, settings) = small_block(seed % 3);
-        let problem = Problem::new(&snapshot, &settings, panoramic());
-        let mut tree = grown(&problem, seed, 60);
-        rewire_tree(&problem, &mut tree, 0, &StopToken::default());
-        for n in 0..tree.nodes.len() {
-            let mut path: Vec<Pose> = tree.path_up(n).map(|m| tree.nodes[m].pose).collect();
-            path.reverse();
-            prop_assert_eq!(path[0], root(&problem), "every node hangs from the root");
-            let (sums, captured, covered) = brute_force(&problem, &path);
-            let node = &tree.nodes[n];
-            prop_assert_eq!(node.sums.information, sums.information);
-            prop_assert_eq!(node.captured, captured);
-            prop_assert_eq!(&node.covered, &covered);
-            prop_assert!((node.sums.length_m - sums.length_m).abs() < 1e-6);
-            prop_assert!((node.sums.turning_s - sums.turning_s).abs() < 1e-6);
-            prop_assert!((node.objective - problem.objective.value(&sums)).abs() < 1e-6);
-            prop_assert!(path.windows(2).all(|leg| problem.can_fly(&leg[0].position, &leg[1].position)));
+        for rig in rigs() {
+            let problem = Problem::new(&snapshot, &settings, rig);
+            let mut tree = grown(&problem, seed, 60);
+            rewire_tree(&problem, &mut tree, 0, &StopToken::default());
+            for n in 0..tree.nodes.len() {
+                let mut path: Vec<Pose> = tree.path_up(n).map(|m| tree.nodes[m].pose).collect();
+                path.reverse();
+                prop_assert_eq!(path[0], root(&problem), "every node hangs from the root");
+                let (sums, captured, covered) = brute_force(&problem, &path);
+                let node = &tree.nodes[n];
+                prop_assert_eq!(node.sums.information, sums.information);
+                prop_assert_eq!(node.captured, captured);
+                prop_assert_eq!(&node.covered, &covered);
+                prop_assert!((node.sums.length_m - sums.length_m).abs() < 1e-6);
+                prop_assert!((node.sums.turning_s - sums.turning_s).abs() < 1e-6);
+                prop_assert!((node.objective - problem.objective.value(&sums)).abs() < 1e-6);
+                for leg in path.windows(2) {
+                    prop_assert!(problem.can_fly(&leg[0].position, &leg[1].position));
+                    prop_assert!(is_admissible(&problem, &settings, &leg[0], &leg[1]), "{:?}", leg);
+                    if matches!(problem.rig.cameras, Cameras::Rigid(_)) {
+                        prop_assert_eq!(leg[1].direction, Some(heading(&leg[0].position, &leg[1].position)));
+                    }
+                }
+            }
         }
+    }
+
+    #[test]
+    fn an_offer_has_the_best_of_the_admissible_directions(seed in 0u64..1000) {
+        let (snapshot, settings) = small_block(seed % 3);
+        let mut refused = 0;
+        for rig in rigs().into_iter().filter(Rig::has_gimbal) {
+            let problem = Problem::new(&snapshot, &settings, rig);
+            let mut tree = grown(&problem, seed, 25);
+            for (parent, child) in (0..26).flat_map(|parent| (1..26).map(move |child| (parent, child))) {
+                if parent == child || tree.ancestors(parent)[child] || !tree.can_fly(parent, child) {
+                    continue;
+                }
+                let from = tree.nodes[parent].pose;
+                let expected = best_end(&problem, &settings, &tree, parent, child);
+                let offer = tree.offer(parent, child, f64::NEG_INFINITY);
+                prop_assert_eq!(offer.map(|offer| offer.end), expected.map(|(end, _)| end), "{:?} to {}", from, child);
+                let Some((_, gained)) = expected else {
+                    refused += 1;
+                    continue;
+                };
+                let leg = tree.nodes[child].pose.position - from.position;
+                let mut sums = tree.nodes[parent].sums;
+                (sums.information, sums.length_m) = (sums.information + gained, sums.length_m + leg.norm());
+                if let Some(before) = tree.nodes[parent].parent {
+                    sums.turning_s += problem.objective.turn_s(&(from.position - tree.nodes[before].pose.position), &leg);
+                }
+                let value = problem.objective.value(&sums);
+                prop_assert!((offer.unwrap().objective - value).abs() < 1e-6);
+                prop_assert!(tree.offer(parent, child, value + 1e-6).is_none(), "a leg that is not worth it is no offer");
+                prop_assert_eq!(tree.offer(parent, child, value - 1e-6), offer, "the bound does not change the choice");
+            }
+        }
+        prop_assert!(refused > 0, "children never forbade a leg");
     }
 
     #[test]
     fn no_leg_gains_more_than_its_upper_bound(seed in 0u64..1000) {
         let (snapshot, settings) = small_block(seed % 3);
-        let problem = Problem::new(&snapshot, &settings, panoramic());
-        let tree = grown(&problem, seed, 30);
-        let (nothing, mut scratch) = (vec![0; problem.field.samples.len()], problem.scratch());
-        for (a, b) in tree.nodes.iter().flat_map(|a| tree.nodes.iter().map(move |b| (&a.pose, &b.pose))) {
-            let seen = problem.observe_leg(a, b, &mut scratch);
-            prop_assert!(problem.gain(&nothing, &seen) <= problem.most_of_leg(&a.position, &b.position));
+        for rig in rigs() {
+            let problem = Problem::new(&snapshot, &settings, rig);
+            let tree = grown(&problem, seed, 30);
+            let (nothing, mut scratch) = (vec![0; problem.field.samples.len()], problem.scratch());
+            for (a, b) in tree.nodes.iter().flat_map(|a| tree.nodes.iter().map(move |b| (&a.pose, &b.pose))) {
+                let seen = problem.observe_leg(a, b, &mut scratch);
+                prop_assert!(problem.gain(&nothing, &seen) <= problem.most_of_leg(&a.position, &b.position));
+            }
         }
     }
+}
+
+/// Of the discretised directions and the parent's own, the first with the largest gain over the leg that child and grandchildren allow.
+fn best_end(problem: &Problem, settings: &Settings, tree: &Tree, parent: usize, child: usize) -> Option<(Pose, u64)> {
+    let (from, position) = (&tree.nodes[parent].pose, tree.nodes[child].pose.position);
+    let candidates = problem.rig.view_directions().into_iter().chain(from.direction);
+    let mut best: Option<(Pose, u64)> = None;
+    for end in candidates.map(|direction| Pose { position, direction: Some(direction) }) {
+        let children = &tree.nodes[child].children;
+        let fits = is_admissible(problem, settings, from, &end)
+            && children.iter().all(|&next| is_admissible(problem, settings, &end, &tree.nodes[next].pose));
+        let gained = gain_of_leg(problem, &tree.nodes[parent].covered, from, &end);
+        if fits && best.is_none_or(|(_, most)| gained > most) {
+            best = Some((end, gained));
+        }
+    }
+    best
+}
+
+#[test]
+fn the_ceilings_of_a_rig_are_those_of_all_its_views_from_all_viewpoints() {
+    let (snapshot, settings) = small_block(1);
+    for rig in rigs() {
+        let problem = Problem::new(&snapshot, &settings, rig);
+        let rig = &problem.rig;
+        for (i, sample) in problem.frames.iter().enumerate() {
+            let mut union: Mask = 0;
+            for (j, viewpoint) in problem.field.viewpoints.iter().enumerate() {
+                if problem.field.row(j)[i / 64] >> (i % 64) & 1 == 0 {
+                    continue;
+                }
+                let position = viewpoint.position_m.into();
+                let is_framed = rig.pose_directions().into_iter().any(|direction| {
+                    let pose = Pose { position, direction };
+                    (0..rig.camera_count()).any(|camera| frames(rig, camera, &pose, &(sample.position - position)))
+                });
+                if is_framed {
+                    union |= problem.disks.mask(sample, &position);
+                }
+            }
+            assert_eq!(u32::from(problem.ceilings[i]), union.count_ones(), "sample {i} by {}", rig.name);
+        }
+        let threshold = problem.field.facts.threshold_cells;
+        let is_above = |i: usize| u32::from(problem.ceilings[i]) > threshold;
+        assert!((0..problem.frames.len()).all(|i| problem.is_capturable(i) == is_above(i)));
+        let capturable = problem.ceilings.iter().filter(|&&cells| u32::from(cells) > threshold).count();
+        assert_eq!(problem.capturable as usize, capturable);
+    }
+    let capturable = |rig: Rig| Problem::new(&snapshot, &settings, rig).capturable;
+    let counts: Vec<u32> = rigs().into_iter().map(capturable).collect();
+    assert!(counts[0] > counts[2] && counts[1..].iter().all(|count| *count <= counts[0]), "{counts:?}");
+}
+
+/// Whether a camera frames what lies in the direction `towards`, by the angles of its field of view.
+fn frames(rig: &Rig, camera: usize, pose: &Pose, towards: &Vector3<f64>) -> bool {
+    let Some((axis, up)) = rig.optical_axis(camera, pose) else { return true };
+    let [half_width, half_height] = rig.camera(camera).1.expect("a frustum").fov_deg().map(|fov_deg| fov_deg.to_radians() / 2.0);
+    let depth = towards.dot(&axis);
+    let right: Unit<Vector3<f64>> = Unit::new_normalize(axis.cross(&up));
+    let (across, above) = (towards.dot(&right).atan2(depth).abs(), towards.dot(&up).atan2(depth).abs());
+    across <= half_width && above <= half_height
 }
 
 #[test]

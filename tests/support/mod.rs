@@ -41,6 +41,14 @@ pub fn rig_options(rig: &str, seed: u64, iterations: u32) -> PlanOptions {
     PlanOptions { iterations: Some(iterations), ..PlanOptions::new(Rig::preset(rig).expect("a preset"), Method::Paper, seed) }
 }
 
+/// The presets, and a camera whose gimbal turns neither to the horizon nor straight down.
+pub fn rigs() -> Vec<Rig> {
+    let phantom = include_str!("../../config/rigs/phantom4-rtk.toml");
+    let narrow = phantom.replace("[-90.0, 30.0]", "[-52.0, -12.0]").replace("\"phantom4-rtk\"", "\"narrow\"");
+    let presets = Rig::PRESETS.into_iter().map(|name| Rig::preset(name).expect("a preset"));
+    presets.chain([Rig::parse(&narrow).expect("a rig")]).collect()
+}
+
 /// A real scene's file, or `None` with a line that says that the test was skipped.
 pub fn real_scene(path: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("OVERFLY_SCENES")

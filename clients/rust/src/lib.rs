@@ -14,6 +14,8 @@
 //! # }
 //! ```
 //!
+//! The order names a rig preset, or carries the content of a rig file (`PlanOrder::rig_file`); `overfly rigs NAME` prints one to begin with.
+//!
 //! A [`Client`] is for one thread at a time; connect once more for another. Fields are read where the daemon built them
 //! ([`FieldMap`]), plans are copied ([`PlanMessage`]).
 

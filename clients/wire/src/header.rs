@@ -7,8 +7,8 @@ use overfly_table::Block;
 /// "OVFLYMSG" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYMSG");
 
-/// Version of the header, the bodies and the services. Both sides must agree.
-pub const SCHEMA: u32 = 1;
+/// Version of the header, the bodies and the services. Both sides must agree. Version 2 has orders with rig files and view directions.
+pub const SCHEMA: u32 = 2;
 
 /// Who sent what, and how long it is.
 #[repr(C)]

@@ -19,8 +19,10 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let mut meter = Meter::new(form);
     let (scene, _) = in_process::read_scene(&arguments.file, &settings)?;
     let snapshot = in_process::build_field(scene, &settings, &stop, &mut meter)?;
-    let options =
-        PlanOptions { iterations: arguments.iterations, ..PlanOptions::new(rig_file::rig(&arguments.rig)?, Method::Paper, 1) };
+    let options = PlanOptions {
+        iterations: arguments.iterations,
+        ..PlanOptions::new(rig_file::read(&arguments.rig)?.rig, Method::Paper, 1)
+    };
     let (mut search_ms, mut check_ms, mut facts) = (Vec::new(), Vec::new(), Vec::new());
     for round in 1..=arguments.repeat {
         meter.stage(&format!("round {round} of {}", arguments.repeat));
@@ -30,10 +32,12 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
         search_ms.push((ended - started).as_secs_f64() * 1e3);
         check_ms.push(ended.elapsed().as_secs_f64() * 1e3);
         facts = vec![
+            ("rig", json!(plan.rig)),
             ("iterations", json!(plan.convergence.len())),
             ("coverage percent", json!(plan.metrics.coverage_percent)),
             ("length m", json!(plan.metrics.length_m)),
             ("turning s", json!(plan.metrics.turning_s)),
+            ("profile s", json!(plan.metrics.profile_s)),
         ];
     }
     drop(meter);

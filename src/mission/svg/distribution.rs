@@ -34,9 +34,14 @@ impl Scale {
         }
     }
 
-    /// Between two positive values, with a tick at 1, 3, 10, 30 and so on.
+    /// Angles between two views.
+    pub fn degrees() -> Self {
+        Self { from: 0.0, to: 180.0, is_logarithmic: false, ticks: (0..=6).map(|tick| f64::from(tick) * 30.0).collect() }
+    }
+
+    /// Between two positive values, with a tick at 0.5, 1, 2, 5, 10 and so on.
     pub fn logarithmic([from, to]: [f64; 2]) -> Self {
-        let decades = [1.0, 10.0, 100.0, 1000.0].into_iter().flat_map(|decade| [decade, 3.0 * decade]);
+        let decades = [0.1, 1.0, 10.0, 100.0, 1000.0].into_iter().flat_map(|decade| [decade, 2.0 * decade, 5.0 * decade]);
         Self { from, to, is_logarithmic: true, ticks: decades.filter(|tick| (from..=to).contains(tick)).collect() }
     }
 
@@ -81,7 +86,7 @@ pub fn histogram(place: Place, title: &str, scale: &Scale, weighted: &[(f64, u64
             [x, base + 18.0],
             12.0,
             anchor,
-            &format!("{tick:.0}"),
+            &format!("{tick}"),
         ));
     }
     group.add(pen::line([left + AXIS, base], [left + LEGEND_WIDTH, base], colour::OUTLINE, 1.0))
@@ -113,7 +118,7 @@ mod tests {
     #[test]
     fn ticks_are_round_and_reach_the_largest_value() {
         assert_eq!(Scale::linear(37.0).ticks, [0.0, 10.0, 20.0, 30.0, 40.0]);
-        assert_eq!(Scale::logarithmic([1.0, 100.0]).ticks, [1.0, 3.0, 10.0, 30.0, 100.0]);
+        assert_eq!(Scale::logarithmic([1.0, 100.0]).ticks, [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0]);
         assert_eq!(Scale::logarithmic([1.0, 100.0]).share(10.0), 0.5);
     }
 }

@@ -29,7 +29,7 @@ pub fn timed_path(plan: &Plan) -> Vec<Instant> {
     }
     let (last_m, last_s) = knots[knots.len() - 1];
     if total_m > last_m {
-        knots.push((total_m, plan.metrics.flight_s.max(last_s)));
+        knots.push((total_m, plan.metrics.profile_s.max(last_s)));
     }
     stations
         .iter()

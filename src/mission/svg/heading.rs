@@ -53,24 +53,31 @@ pub struct Figure {
 fn key_figures(plan: &Plan) -> Vec<Figure> {
     let metrics = &plan.metrics;
     let figure = |label, value, remark| Figure { label, value, remark };
-    vec![
+    let mut figures = vec![
         figure("Captured of capturable", percent(metrics.coverage_percent), format!("goal {}", percent(plan.goal_percent))),
         figure(
             "Captured of exposed",
             percent(metrics.coverage_exposed_percent),
             format!("ceiling {}", percent(metrics.capturable_percent)),
         ),
-        figure("Length", format!("{:.0} m", metrics.length_m), String::new()),
-        figure("Flight time, min:s", minutes(metrics.flight_s), format!("{} turning", minutes(metrics.turning_s))),
+        figure("Length", format!("{:.0} m", metrics.length_m), image_spacing(plan)),
+        figure("Flight time, min:s", minutes(metrics.profile_s), format!("Eq. 4 and 5: {}", minutes(metrics.flight_s))),
+    ];
+    if let Some(battery_percent) = metrics.battery_percent {
+        figures.push(figure("Battery", format!("{battery_percent:.0} %"), "of a full charge".to_owned()));
+    }
+    figures.extend([
         figure("Waypoints", plan.waypoints.len().to_string(), String::new()),
-        figure("Images", plan.images.len().to_string(), image_spacing(plan)),
+        figure("Images", plan.images.len().to_string(), format!("{} selected", plan.selected_images())),
         figure("Least clearance", format!("{:.1} m", plan.clearance_m), "over the whole curve".to_owned()),
-    ]
+    ]);
+    figures
 }
 
+/// All cameras of a rig are released together.
 fn image_spacing(plan: &Plan) -> String {
-    let images = plan.images.len() as f64;
-    if images < 2.0 { String::new() } else { format!("every {:.1} m", plan.metrics.length_m / images) }
+    let exposures = plan.images.len() / plan.cameras.len().max(1);
+    if exposures < 2 { String::new() } else { format!("shutter every {:.1} m", plan.metrics.length_m / exposures as f64) }
 }
 
 fn percent(value: f64) -> String {

@@ -8,7 +8,7 @@ use super::colour::{self, HEIGHT, Ramp, SHARE, TIME};
 use super::heading::minutes;
 use super::pen::{self, Anchor, Place};
 use super::sheet::{self, DRAWING_TOP, LEGEND_WIDTH, Sheet};
-use super::top_view;
+use super::{top_view, views};
 use crate::trajectory::plan::Plan;
 
 const BAR_HEIGHT: f64 = 14.0;
@@ -30,7 +30,7 @@ pub fn gradient(id: &str, ramp: &Ramp) -> LinearGradient {
 pub fn draw(sheet: &Sheet, field: &FieldTable, plan: &Plan) -> Group {
     let left = sheet.legend_left;
     let tallest_m = field.facts.max_m[2].max(1.0);
-    let flight_s = plan.metrics.flight_s;
+    let flight_s = plan.metrics.profile_s;
     let times = time_ticks(flight_s).into_iter().map(|time_s| (time_s / flight_s.max(1e-9), minutes(time_s)));
     let heights = sheet::round_ticks(0.0, tallest_m, tallest_m / 6.0);
     let heights = heights.into_iter().map(|height_m| (height_m / tallest_m, format!("{height_m:.0}")));
@@ -41,7 +41,7 @@ pub fn draw(sheet: &Sheet, field: &FieldTable, plan: &Plan) -> Group {
         .add(ramp([left, DRAWING_TOP], "Time along the flight, min:s", "ramp-time", times))
         .add(ramp([left, DRAWING_TOP + 82.0], height_title, "ramp-height", heights))
         .add(ramp([left, DRAWING_TOP + 164.0], "Captured share of a wall or roof, %", "ramp-share", shares))
-        .add(symbols(sheet, has_squares, [left, DRAWING_TOP + 254.0]))
+        .add(symbols(sheet, plan, has_squares, [left, DRAWING_TOP + 254.0]))
         .add(north([left + LEGEND_WIDTH - 14.0, DRAWING_TOP + 270.0]))
         .add(charts::convergence([left, DRAWING_TOP + 510.0], plan))
         .add(charts::covered_shares([left, DRAWING_TOP + 740.0], field, plan))
@@ -97,34 +97,40 @@ pub fn ramp(place: Place, title: &str, gradient: &str, labels: impl Iterator<Ite
     group
 }
 
-fn symbols(sheet: &Sheet, has_squares: bool, place: Place) -> Group {
+fn symbols(sheet: &Sheet, plan: &Plan, has_squares: bool, place: Place) -> Group {
     let [left, top] = place;
     let middle = left + 14.0;
+    let has_views = views::are_shown(plan);
     let row = |index: usize| top + index as f64 * 29.0;
-    let labels = [
-        "start and end of the flight",
-        "waypoint",
-        "image (thinned where dense)",
+    // Below the images stands one row more where there are views.
+    let lower = |index: usize| row(index + usize::from(has_views));
+    let flown = ["start and end of the flight", "waypoint", "image (thinned where dense)"];
+    let view = has_views.then_some("view; short where it looks down");
+    let built = [
         "wall, 0, 50 and 100 % captured",
         "wall that is not exposed",
         if has_squares { "roof, half captured" } else { "roof, 0, 50 and 100 % captured" },
         "sample that no admissible",
     ];
+    let labels = flown.into_iter().chain(view).chain(built);
     let roofs = match has_squares {
-        true => Group::new().add(top_view::roof_marker([middle, row(5)], 0.5)),
-        false => filled_roofs([left + 2.0, row(5)]),
+        true => Group::new().add(top_view::roof_marker([middle, lower(5)], 0.5)),
+        false => filled_roofs([left + 2.0, lower(5)]),
     };
     let mut group = Group::new()
         .add(top_view::end_marker([left + 6.0, row(0)], "S"))
         .add(top_view::end_marker([left + 24.0, row(0)], "E"))
         .add(top_view::waypoint_marker([middle, row(1)], sheet.mark_scale()))
         .add(top_view::image_dots(&[[middle, row(2)]], sheet.mark_scale()))
-        .add(walls_by_share(sheet, [left + 2.0, row(3)]))
-        .add(pen::line([left + 2.0, row(4)], [left + 30.0, row(4)], colour::OUTLINE, 0.7))
+        .add(walls_by_share(sheet, [left + 2.0, lower(3)]))
+        .add(pen::line([left + 2.0, lower(4)], [left + 30.0, lower(4)], colour::OUTLINE, 0.7))
         .add(roofs)
-        .add(pen::dots([[middle - 5.0, row(6)], [middle, row(6)], [middle + 5.0, row(6)]], 2.6, colour::BEYOND_REACH))
-        .add(pen::text([left + 42.0, row(6) + 21.5], 13.0, Anchor::Start, "view captures"));
-    for (index, label) in labels.into_iter().enumerate() {
+        .add(pen::dots([[middle - 5.0, lower(6)], [middle, lower(6)], [middle + 5.0, lower(6)]], 2.6, colour::BEYOND_REACH))
+        .add(pen::text([left + 42.0, lower(6) + 21.5], 13.0, Anchor::Start, "view of the rig captures"));
+    if has_views {
+        group = group.add(views::wedge([left + 4.0, row(3)], [1.0, 0.0], 0.45, 1.0));
+    }
+    for (index, label) in labels.enumerate() {
         group = group.add(pen::text([left + 42.0, row(index) + 4.5], 13.0, Anchor::Start, label));
     }
     group

@@ -16,7 +16,7 @@ use crate::quality::{Flown, Quality, SampleQuality, Summary, Truth, TruthSample}
 use crate::trajectory::plan::Plan;
 
 /// The ends of the colour ramp, m; on a logarithmic scale.
-const DEVIATIONS_M: [f64; 2] = [0.001, 0.1];
+const DEVIATIONS_M: [f64; 2] = [0.0005, 0.05];
 /// Steps of the ramp: samples of one step are drawn as one path.
 const STEPS: usize = 24;
 
@@ -108,13 +108,22 @@ fn buildings(sheet: &Sheet, drawn: &Drawn) -> Group {
     })
 }
 
-/// Dots by deviation. Those of a wall stand outside of it, the higher the farther out, so that the whole wall can be seen from above.
+/// Dots by deviation, roofs below walls. Those of a wall stand outside of it, the higher the farther out, so that the whole wall can be
+/// seen from above.
 fn samples(sheet: &Sheet, drawn: &Drawn) -> Group {
+    let is_roof = |sample: &TruthSample| sample.frame.normal.z > 0.5;
+    // Samples of roofs nearly touch, so that a roof is a surface; those of walls lie closer, being folded out.
+    let spacing = spacing_m(drawn) * sheet.pixels_per_m;
+    pen::group("samples")
+        .add(dots(sheet, drawn, (0.8 * spacing).clamp(1.3, 9.0), is_roof).set("class", "roofs"))
+        .add(dots(sheet, drawn, (0.6 * spacing).clamp(1.3, 4.5), |sample| !is_roof(sample)).set("class", "walls"))
+}
+
+fn dots(sheet: &Sheet, drawn: &Drawn, diameter: f64, counts: impl Fn(&TruthSample) -> bool) -> Group {
     let tallest_m = drawn.truth.scene().bounds().map_or(1.0, |bounds| bounds.max.z.max(1.0));
-    let diameter = dot_diameter(sheet, drawn);
     let mut by_step: Vec<Vec<Place>> = vec![Vec::new(); STEPS];
     let (mut unseen, mut unmatched) = (Vec::new(), Vec::new());
-    for (sample, quality) in drawn.truth.samples().iter().zip(&drawn.quality.samples) {
+    for (sample, quality) in drawn.truth.samples().iter().zip(&drawn.quality.samples).filter(|(sample, _)| counts(sample)) {
         let place = unfolded(sheet, sample, tallest_m);
         match quality.deviation {
             Some(deviation) => by_step[((share(deviation.normal_m) * STEPS as f64) as usize).min(STEPS - 1)].push(place),
@@ -122,20 +131,20 @@ fn samples(sheet: &Sheet, drawn: &Drawn) -> Group {
             None => unmatched.push(place),
         }
     }
-    let group = pen::group("samples")
-        .add(pen::dots(unseen, diameter, colour::NOT_SEEN).set("id", "not-seen"))
-        .add(pen::dots(unmatched, diameter, colour::NOT_RECONSTRUCTED).set("id", "not-reconstructed"));
+    let group = Group::new()
+        .add(pen::dots(unseen, diameter, colour::NOT_SEEN).set("data-state", "not-seen"))
+        .add(pen::dots(unmatched, diameter, colour::NOT_RECONSTRUCTED).set("data-state", "not-reconstructed"));
     let steps = by_step.into_iter().enumerate().filter(|(_, places)| !places.is_empty());
     steps.fold(group, |group, (step, places)| {
-        group.add(pen::dots(places, diameter, &DEVIATION.at((step as f64 + 0.5) / STEPS as f64)).set("data-step", step))
+        let colour = DEVIATION.at((step as f64 + 0.5) / STEPS as f64);
+        group.add(pen::dots(places, diameter, &colour).set("data-state", "reconstructed"))
     })
 }
 
-/// Samples of roofs nearly touch, so that a roof is a surface.
-fn dot_diameter(sheet: &Sheet, drawn: &Drawn) -> f64 {
+/// Mean distance of neighbouring samples, m.
+fn spacing_m(drawn: &Drawn) -> f64 {
     let areas = &drawn.quality.areas_mm2;
-    let mean_m2 = areas.iter().sum::<u64>() as f64 / 1e6 / areas.len().max(1) as f64;
-    (0.75 * mean_m2.sqrt() * sheet.pixels_per_m).clamp(1.3, 5.0)
+    (areas.iter().sum::<u64>() as f64 / 1e6 / areas.len().max(1) as f64).sqrt()
 }
 
 fn unfolded(sheet: &Sheet, sample: &TruthSample, tallest_m: f64) -> Place {
@@ -167,7 +176,7 @@ fn path(sheet: &Sheet, drawn: &Drawn) -> Group {
 fn key(sheet: &Sheet, drawn: &Drawn) -> Group {
     let left = sheet.legend_left;
     let [least, most] = DEVIATIONS_M;
-    let labels = [0.001, 0.003, 0.01, 0.03, 0.1].map(|deviation_m| {
+    let labels = [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05].map(|deviation_m| {
         let bound = if deviation_m <= least {
             "≤ "
         } else if deviation_m >= most {
@@ -175,22 +184,28 @@ fn key(sheet: &Sheet, drawn: &Drawn) -> Group {
         } else {
             ""
         };
-        (share(deviation_m), format!("{bound}{:.0}", deviation_m * 1e3))
+        (share(deviation_m), format!("{bound}{}", deviation_m * 1e3))
     });
     let row = |index: usize| DRAWING_TOP + 88.0 + 26.0 * index as f64;
     let mut group = pen::group("legend")
-        .add(legend::ramp([left, DRAWING_TOP], "Predicted deviation along the normal, mm", "ramp-deviation", labels.into_iter()))
+        .add(legend::ramp([left, DRAWING_TOP], "Deviation along the normal, mm", "ramp-deviation", labels.into_iter()))
         .add(pen::dots([[left + 8.0, row(0)]], 6.0, colour::NOT_RECONSTRUCTED))
         .add(pen::dots([[left + 8.0, row(1)]], 6.0, colour::NOT_SEEN))
         .add(pen::line([left, row(2)], [left + 22.0, row(2)], colour::INK, 1.0))
         .add(legend::north([left + LEGEND_WIDTH - 14.0, row(1)]));
-    let labels = ["seen, not reconstructed", "not seen", "path from S to E", "walls unfold outwards, their top outermost"];
+    let labels = [
+        "seen, not reconstructed",
+        "not seen",
+        "path from S to E",
+        "walls unfold outwards, their top outermost",
+        "Below: shares of the surface, %",
+    ];
     for (index, label) in labels.into_iter().enumerate() {
-        let from = if index == 3 { left } else { left + 34.0 };
+        let from = if index >= 3 { left } else { left + 34.0 };
         group = group.add(pen::text([from, row(index) + 4.5], 13.0, Anchor::Start, label));
     }
     charts(drawn).into_iter().enumerate().fold(group, |group, (index, chart)| {
-        let place = [left, DRAWING_TOP + 212.0 + 190.0 * index as f64];
+        let place = [left, DRAWING_TOP + 230.0 + 184.0 * index as f64];
         group.add(histogram(place, chart.title, &chart.scale, &chart.weighted))
     })
 }
@@ -212,19 +227,15 @@ fn charts(drawn: &Drawn) -> [Chart; 4] {
     let gsd_mm = weighted(&|sample| sample.gsd_m.map(|gsd_m| gsd_m * 1e3));
     let deviation_mm = weighted(&|sample| sample.deviation.map(|deviation| deviation.normal_m * 1e3));
     [
-        Chart { title: "Surface by number of views, %", scale: Scale::linear(most(&views)), weighted: views },
+        Chart { title: "Views", scale: Scale::linear(most(&views)), weighted: views },
         Chart {
-            title: "Surface seen twice by largest parallax, %; degrees",
-            scale: Scale::linear(180.0),
+            title: "Largest parallax, degrees",
+            scale: Scale::degrees(),
             weighted: weighted(&|sample| (sample.views > 1).then_some(sample.parallax_rad.to_degrees())),
         },
+        Chart { title: "Best ground sampling distance, mm", scale: Scale::linear(most(&gsd_mm)), weighted: gsd_mm },
         Chart {
-            title: "Seen surface by best ground sampling distance, %; mm",
-            scale: Scale::linear(most(&gsd_mm)),
-            weighted: gsd_mm,
-        },
-        Chart {
-            title: "Reconstructed surface by deviation, %; mm",
+            title: "Deviation along the normal, mm",
             scale: Scale::logarithmic(DEVIATIONS_M.map(|deviation_m| deviation_m * 1e3)),
             weighted: deviation_mm,
         },

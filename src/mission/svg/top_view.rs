@@ -10,6 +10,7 @@ use super::flight::{Instant, split_by_time};
 use super::pen::{self, Anchor, Place};
 use super::sheet::{self, Sheet};
 use super::thin;
+use super::views;
 use super::walls::{self, StructureTally};
 use crate::trajectory::plan::Plan;
 
@@ -53,6 +54,7 @@ fn flight(sheet: &Sheet, plan: &Plan, path: &[Instant]) -> Group {
         .set("class", "flight")
         .add(pen::stroke(whole, colour::PAPER, 4.4 * scale).set("stroke-opacity", 0.85))
         .add(coloured)
+        .add(views::draw(sheet, plan))
         .add(image_dots(&images, scale))
         .add(corners.fold(Group::new().set("class", "waypoints"), Group::add))
         .add(ends(plan, &project))
@@ -252,7 +254,7 @@ fn roof_middle(sheet: &Sheet, field: &FieldTable, index: usize, structure: &Stru
     roof.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
-/// Exposed samples that no admissible view captures, thinned out where they would merge; those of walls stand a little outside of it.
+/// Exposed samples that no admissible view of the rig captures, thinned out where they would merge; those of walls stand a little outside of it.
 fn beyond_reach(sheet: &Sheet, field: &FieldTable, plan: &Plan) -> Path {
     let offset = wall_width(sheet) / 2.0 + 2.6 * sheet.mark_scale();
     let places = field

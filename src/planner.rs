@@ -27,7 +27,7 @@ pub struct PlanOptions {
     pub seed: u64,
     /// Iterations K; `None` takes the setting.
     pub iterations: Option<u32>,
-    /// Where the flight starts, m in the local frame; `None` chooses a start.
+    /// Where the flight starts, m in the local frame; `None` chooses a start. The baselines begin where their tours do.
     pub start_m: Option<Point3<f64>>,
     /// Where a camera on a gimbal looks at the start; `None` chooses the direction.
     pub start_view: Option<Unit<Vector3<f64>>>,

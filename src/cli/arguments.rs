@@ -218,7 +218,7 @@ pub struct OrderArgs {
     /// Iterations of the tree search [default: the setting search.iterations, 400]
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
-    /// Start of the flight: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
+    /// Start of the flight, for the method `paper`; the others begin where their tour does: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub start: Option<Meters3>,
     /// Where the camera looks at the start, for a rig with a gimbal: azimuth clockwise from north and pitch up from the horizon, degrees

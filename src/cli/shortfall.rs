@@ -36,7 +36,9 @@ fn below_goal(plan: &Plan, command: &str) -> Option<String> {
     if plan.stop == StopReason::GoalReached {
         return None;
     }
-    let advice = if is_rising(plan) {
+    let advice = if plan.stop == StopReason::Complete {
+        format!("the method {:?} does not search for a goal, `--method paper` does", plan.method)
+    } else if is_rising(plan) {
         let wanted = 4 * plan.convergence.len().max(100);
         format!("coverage was still rising, so more iterations come nearer (`{command} --iterations {wanted}`)")
     } else {

@@ -38,5 +38,5 @@ impl Site {
 
 /// A block for a quick run: large enough for streets, small enough for tests.
 pub fn quick_block() -> BlockSettings {
-    BlockSettings { seed: 1, extent_m: [120.0, 90.0], buildings: 6, min_height_m: 8.0, max_height_m: 30.0 }
+    BlockSettings { seed: 1, extent_m: [120.0, 90.0], buildings: 6, min_height_m: 8.0, max_height_m: 30.0, ..Default::default() }
 }

@@ -165,12 +165,11 @@ impl<'a> Study<'a> {
         Ok(flights)
     }
 
-    /// How many flights a method gets. There is no chance in oblique photography, and in the views of Smith et al., which take far longer
-    /// than all else; the seed would change only the tour through them, by a few percent.
+    /// How many flights a method gets: there is no chance in oblique photography.
     fn seeds_of(&self, method: Method) -> u64 {
         match method {
-            Method::Oblique | Method::Smith => 1,
-            Method::Paper | Method::Zhou => self.seeds.into(),
+            Method::Oblique => 1,
+            Method::Paper | Method::Smith | Method::Zhou => self.seeds.into(),
         }
     }
 

@@ -48,7 +48,7 @@ pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
     table.note("delfshaven and nihonbashi stand in the places of UK-1 and Bridge-1: they are other scenes than the paper's.");
     table.note("Oblique photography (OP) flies five cameras, all other methods one.");
     table.note("Ours reconstructs from its post-selected images (section 5.3), the other methods from all of theirs.");
-    table.note("OP and Smith choose their views without chance and have one flight; common samples are then taken with each seed of the others.");
+    table.note("There is no chance in OP: it has one flight, which is held beside each seed of the others.");
     table.note("Coverage is of what the method's own rig can capture.");
     table.note("Common samples are those that every method of the scene reconstructs with the same seed.");
     Ok(table)

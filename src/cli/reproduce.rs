@@ -27,7 +27,7 @@ const JSON: &str = "reproduction.json";
 pub fn run(arguments: &ReproduceArgs, form: Form) -> Result<Answer, Failure> {
     let order = order(arguments)?;
     let _folder = Folder::prepare(&arguments.out)?;
-    let (scenes, missing) = real_scenes(&arguments.scenes, &order.settings)?;
+    let RealScenes { found: scenes, missing } = real_scenes(&arguments.scenes, &order.settings)?;
     let started = Instant::now();
     let mut meter = Meter::new(form);
     let stop = StopToken::default();
@@ -69,19 +69,25 @@ fn order(arguments: &ReproduceArgs) -> Result<Order, Failure> {
     Ok(Order { parts, seeds, effort, settings })
 }
 
-/// The real scenes that the folder holds, and the files that it does not.
-fn real_scenes(folder: &Path, settings: &Settings) -> Result<(Vec<(Site, Scene)>, Vec<String>), Failure> {
-    let (mut scenes, mut missing) = (Vec::new(), Vec::new());
+/// The real scenes that a folder holds, and the files that it does not.
+#[derive(Default)]
+struct RealScenes {
+    found: Vec<(Site, Scene)>,
+    missing: Vec<String>,
+}
+
+fn real_scenes(folder: &Path, settings: &Settings) -> Result<RealScenes, Failure> {
+    let mut scenes = RealScenes::default();
     for site in Site::REAL {
         let Some(file) = site.file() else { continue };
         let path = folder.join(file);
         if path.is_file() {
-            scenes.push((site, in_process::read_scene(&path, settings)?.0));
+            scenes.found.push((site, in_process::read_scene(&path, settings)?.0));
         } else {
-            missing.push(file.to_owned());
+            scenes.missing.push(file.to_owned());
         }
     }
-    Ok((scenes, missing))
+    Ok(scenes)
 }
 
 /// The command that makes these files again; where scenes and results lie is the reader's own affair.

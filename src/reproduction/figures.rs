@@ -60,6 +60,15 @@ pub fn note_quality(table: &mut Table, settings: &Settings) {
     ));
 }
 
+/// Says why a flight above all buildings may see little.
+pub fn note_range(table: &mut Table, settings: &Settings) {
+    table.note(format!(
+        "A view from farther away than `coverage.range_m` = {} m counts for nothing, in our coverage and in our Error and Completeness; OP flies \
+         above the tallest structure, and where that is a tower the streets are out of its range.",
+        settings.coverage.range_m
+    ));
+}
+
 /// Says that a scene is not there; `true` when it is.
 pub fn is_there(study: &Study, table: &mut Table, site: Site) -> bool {
     let is_there = study.scene(site).is_some();

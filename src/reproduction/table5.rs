@@ -29,5 +29,6 @@ pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
         }
     }
     table4::finish(&mut table, study);
+    figures::note_range(&mut table, &study.settings);
     Ok(table)
 }

@@ -135,6 +135,15 @@ pub enum PlanError {
     Unsafe(#[from] UnsafeCurve),
 }
 
+/// The rig that a method really flies: oblique photography puts lenses of its own on the rig's sensors. [`Settings::adapted_to`] it, a
+/// field sees as far as its cameras.
+pub fn flown_rig(options: &PlanOptions, settings: &Settings) -> Rig {
+    match options.method {
+        Method::Oblique => baseline::oblique::adapted_rig(&options.rig, &settings.baseline),
+        _ => options.rig.clone(),
+    }
+}
+
 /// Plans one flight on a snapshot. A stop of the token ends the search with the best plan so far; only when the token is abandoned
 /// there is none.
 pub fn plan(
@@ -145,10 +154,7 @@ pub fn plan(
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Plan, PlanError> {
     options.check()?;
-    let rig = &match options.method {
-        Method::Oblique => baseline::oblique::adapted_rig(&options.rig, &settings.baseline),
-        _ => options.rig.clone(),
-    };
+    let rig = &flown_rig(options, settings);
     let problem = Problem::new(snapshot, settings, rig.clone());
     if problem.capturable == 0 {
         let (range_m, ceiling_m) = (settings.coverage.range_m, settings.flight.legal_ceiling_m);

@@ -126,6 +126,8 @@ pub struct FieldSettings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CoverageSettings {
+    /// How many times the sight of the reference camera the distances below are for; see [`Settings::with_sight`].
+    pub sight_scale: f64,
     /// Half-angle of the disk of a near frontal view, degrees.
     pub theta0_deg: f64,
     /// Up to this distance the disk does not shrink, m.
@@ -167,6 +169,8 @@ pub struct ObjectiveSettings {
 pub struct SearchSettings {
     /// Iterations K of the main loop.
     pub iterations: u32,
+    /// Random locations that are looked at for one new node.
+    pub candidates: u32,
     /// Reconnections that one call of `Rewire_Tree` may make.
     pub rewirings: u32,
     /// Nodes that one call of `Rewire_Tree` may take from its queue.
@@ -251,17 +255,25 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The settings for the sight of a rig: the distances of the coverage model, and with them the shell of viewpoints, grow with the
-    /// distance at which its cameras have the ground sampling distance of the reference camera.
-    pub fn adapted_to(mut self, rig: &Rig) -> Self {
-        let scale = rig.sight_scale();
-        let Self { coverage, field, .. } = &mut self;
-        for distance_m in [&mut coverage.range_m, &mut coverage.full_disk_m, &mut coverage.falloff_m] {
-            *distance_m *= scale;
+    /// The settings for the sight of a rig.
+    pub fn adapted_to(self, rig: &Rig) -> Self {
+        self.with_sight(rig.sight_scale())
+    }
+
+    /// The settings for cameras that see `scale` times as far as the reference camera: the distances of the coverage model grow from those
+    /// for the sight that the settings have now, and with them the shell of viewpoints.
+    pub fn with_sight(mut self, scale: f64) -> Self {
+        let Self { coverage, field, quality, .. } = &mut self;
+        let ratio = scale / coverage.sight_scale;
+        // Nearsighted cameras come nearer, but the shell that they do it in still has to be as thick as streets are wide.
+        let shell_ratio = scale.max(1.0) / coverage.sight_scale.max(1.0);
+        for distance_m in [&mut coverage.range_m, &mut coverage.full_disk_m, &mut coverage.falloff_m, &mut quality.smith_range_m]
+        {
+            *distance_m *= ratio;
         }
-        for distance_m in [&mut field.shell_m, &mut field.max_spacing_m] {
-            *distance_m *= scale.max(1.0);
-        }
+        field.shell_m *= shell_ratio;
+        field.max_spacing_m *= shell_ratio;
+        coverage.sight_scale = scale;
         self
     }
 

@@ -7,7 +7,7 @@ mod view;
 use nalgebra::{Point3, Unit, Vector3};
 
 pub use intrinsics::Intrinsics;
-pub use rig::{Battery, Cameras, Mount, Rig, RigError};
+pub use rig::{Battery, Cameras, Mount, Rig, RigError, sight_scale};
 pub use view::{View, direction_of, pitch_rad};
 
 /// Where a rig is and how it is turned.

@@ -53,6 +53,13 @@ pub struct Battery {
     pub turning_w: f64,
 }
 
+/// How many times as far as the reference camera cameras see as sharply, in quarters; the coarsest of their pixels, rad, decides.
+/// 1 for no camera.
+pub fn sight_scale(pixels_rad: impl Iterator<Item = f64>) -> f64 {
+    let coarsest = pixels_rad.fold(0.0, f64::max);
+    if coarsest > 0.0 { ((4.0 * REFERENCE_PIXEL_RAD / coarsest).round() / 4.0).clamp(0.25, 4.0) } else { 1.0 }
+}
+
 impl Battery {
     /// Share of a full battery that a flight draws, by the travel costs of Eq. 4 and 5, percent. More than 100 means several batteries.
     pub fn percent(&self, movement_s: f64, turning_s: f64) -> f64 {
@@ -163,14 +170,11 @@ impl Rig {
         }
     }
 
-    /// How much farther than the reference camera the rig sees as sharply, in quarters: its coarsest pixel decides. A panorama is an idea
-    /// of the paper without a lens, and counts as the reference.
+    /// How many times as far as the reference camera the rig sees as sharply. A panorama is an idea of the paper without a lens, and
+    /// counts as the reference.
     pub fn sight_scale(&self) -> f64 {
-        if matches!(self.cameras, Cameras::Panoramic { .. }) {
-            return 1.0;
-        }
-        let coarsest = (0..self.camera_count()).map(|camera| self.pixel_rad(camera)).fold(0.0, f64::max);
-        ((4.0 * REFERENCE_PIXEL_RAD / coarsest).round() / 4.0).clamp(0.25, 4.0)
+        let lenses = (0..self.camera_count()).filter(|&camera| self.camera(camera).1.is_some());
+        sight_scale(lenses.map(|camera| self.pixel_rad(camera)))
     }
 
     /// The discretised view directions of section 5.4 that the gimbal can reach: two rings and the nadir, V = 17 for a camera that can

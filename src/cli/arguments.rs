@@ -117,6 +117,9 @@ pub struct ServeArgs {
     /// TOML file whose keys replace the built-in values; `config/default.toml` lists all keys with their units
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Aircraft that this daemon plans for: how far its cameras see decides on the fields (preset or rig file) [default: as the settings say]
+    #[arg(long, value_name = "PRESET|RIG.toml")]
+    pub rig: Option<String>,
     #[command(flatten)]
     pub reach: Reach,
     /// End when standard input ends, so that the program that started this daemon takes it along

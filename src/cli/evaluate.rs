@@ -17,7 +17,7 @@ use crate::mission::{plan_read, svg};
 use crate::quality::{self, COMPLETENESS_M, Flown, Quality, Summary, Truth, Which};
 use crate::settings::Settings;
 use crate::stop::StopToken;
-use crate::trajectory::plan::Plan;
+use crate::trajectory::plan::{Plan, sight_scale};
 
 /// A larger file is no plan: a million images take half of it.
 const MOST_BYTES: u64 = 512_000_000;
@@ -25,8 +25,9 @@ const MOST_BYTES: u64 = 512_000_000;
 pub fn run(arguments: &EvaluateArgs, form: Form) -> Result<Answer, Failure> {
     let mut settings = settings_file::settings(arguments.config.as_ref(), None)?;
     settings.quality.samples = arguments.samples.unwrap_or(settings.quality.samples);
-    settings.check()?;
     let given = plan_read::read(&arguments.plan.to_string_lossy(), &read_bounded(&arguments.plan)?)?;
+    let settings = settings.with_sight(sight_scale(&given.cameras));
+    settings.check()?;
     let run_file = run_file(&arguments.plan);
     let run = read_run(&run_file, &given);
     let truth_file = match &arguments.truth {

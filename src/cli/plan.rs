@@ -15,7 +15,7 @@ use super::rig_file::GivenRig;
 use super::shortfall::{self, Heights};
 use super::{daemon, import_lines, in_process, rig_file, settings_file};
 use crate::mission::run_json::Engine;
-use crate::planner::{PlanOptions, StopToken};
+use crate::planner::{self, PlanOptions, StopToken};
 use crate::trajectory::plan::StopReason;
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
@@ -36,7 +36,9 @@ fn looks_like_path(scene: &str) -> bool {
 }
 
 fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form: Form) -> Result<Answer, Failure> {
-    let settings = Arc::new(settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?);
+    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?;
+    let settings = Arc::new(settings.clone().adapted_to(&planner::flown_rig(options, &settings)));
+    settings.check()?;
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let mut meter = Meter::new(form);
     let stop = StopToken::default();

@@ -10,7 +10,7 @@ use tracing_subscriber::EnvFilter;
 
 use super::arguments::ServeArgs;
 use super::failure::Failure;
-use super::settings_file;
+use super::{rig_file, settings_file};
 use crate::daemon;
 
 /// How often and how long the end of the last client is waited for.
@@ -18,7 +18,11 @@ const LOOKS: u32 = 50;
 const LOOK_AGAIN: Duration = Duration::from_millis(5);
 
 pub fn run(arguments: &ServeArgs) -> Result<(), Failure> {
-    let settings = settings_file::settings(arguments.config.as_ref(), None)?;
+    let mut settings = settings_file::settings(arguments.config.as_ref(), None)?;
+    if let Some(rig) = &arguments.rig {
+        settings = settings.adapted_to(&rig_file::read(rig)?.rig);
+        settings.check()?;
+    }
     let name = arguments.reach.domain.clone().unwrap_or_else(|| settings.daemon.domain.clone());
     let domain = Domain::new(&name)?;
     start_log();

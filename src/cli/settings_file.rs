@@ -22,10 +22,10 @@ pub fn settings(file: Option<&PathBuf>, sizes: Option<&SizeArgs>) -> Result<Sett
     Ok(settings)
 }
 
-/// The settings that are not the built-in ones, by section and key.
+/// The settings that are not the built-in ones for cameras of the same sight, by section and key.
 pub fn differing(settings: &Settings) -> Option<Value> {
     let Value::Object(all) = serde_json::to_value(settings).ok()? else { return None };
-    let built_in = serde_json::to_value(Settings::default()).ok()?;
+    let built_in = serde_json::to_value(Settings::default().with_sight(settings.coverage.sight_scale)).ok()?;
     let mut differing = Map::new();
     for (section, keys) in all {
         let Value::Object(keys) = keys else { continue };

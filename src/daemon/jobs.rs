@@ -179,7 +179,7 @@ impl Workshop {
                 let remark = format!("since an edit {}; another start was chosen", without_remedy(&error));
                 (search(&PlanOptions { start_m: None, ..flight.options.clone() })?, Some(remark))
             }
-            (plan, _) => (plan?, None),
+            (plan, _) => (plan?, short_sight(flight)),
         };
         let times = RunTimes {
             field_s: flight.field_s,
@@ -232,6 +232,19 @@ fn note(assignment: &Assignment, progress: &Progress) -> ProgressNote {
         objective: progress.objective,
         elapsed_s: assignment.taken_up.elapsed().as_secs_f64(),
     }
+}
+
+/// What there is to say when the field was built for cameras of another sight than the rig's.
+fn short_sight(flight: &Flight) -> Option<String> {
+    let rig = &flight.options.rig;
+    let (has, needs) = (flight.settings.coverage.sight_scale, rig.sight_scale());
+    (has != needs).then(|| {
+        format!(
+            "the field was built for cameras that see {has} times as far as the reference, those of {:?} see {needs} times as far; \
+             `overfly serve --rig` builds fields for it",
+            rig.name
+        )
+    })
 }
 
 /// What an error says, without what to do about it: that is done already.

@@ -208,6 +208,7 @@ impl Daemon {
             return Err(refused("the daemon was started without a configuration file; start it with `--config FILE`".into()));
         };
         let settings = configuration::read(path).map_err(|error: ConfigurationError| refused(error.to_string()))?;
+        let settings = settings.with_sight(self.settings.coverage.sight_scale);
         if settings.daemon.threads != self.settings.daemon.threads {
             tracing::warn!(
                 threads = settings.daemon.threads,

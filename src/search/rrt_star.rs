@@ -77,29 +77,56 @@ pub fn search(
 
 /// One pass through the body of Algorithm 2; `false` when stopped before there was a new node.
 pub(super) fn expand(problem: &Problem, tree: &mut Tree, random: &mut ChaCha8Rng, stop: &StopToken) -> Result<bool, SearchError> {
-    // "w_new <- Random_Sample(F, T)".
-    let Some((position, reachable_from)) = random_sample(problem, tree, random, stop)? else {
-        return Ok(false);
-    };
-    let new = tree.add(position);
-    // "N <- Find_Neighbors(T, w_new)".
-    let neighbours = find_neighbours(problem, tree, new);
-    // "if N is empty then w_p <- Find the node in T that is nearest to w_new and reachable to w_new".
-    let mut best = None;
-    for n in neighbours {
-        // "w_p <- Find the node in N that maximizes Eq. (6) for trajectory {w_start, ..., w_p, w_new}".
-        let least = best.map_or(f64::NEG_INFINITY, |(_, offer): (usize, Offer)| offer.objective);
-        best = tree.offer(n, new, least).map(|offer| (n, offer)).or(best);
+    let mut chosen: Option<Connection> = None;
+    for _ in 0..problem.settings.candidates {
+        // "w_new <- Random_Sample(F, T)".
+        let Some((position, reachable_from)) = random_sample(problem, tree, random, stop)? else {
+            return Ok(false);
+        };
+        let least = chosen.as_ref().map_or(f64::NEG_INFINITY, |connection| connection.offer.objective);
+        chosen = best_connection(problem, tree, position, reachable_from, least).or(chosen);
     }
-    let (parent, offer) = best.unwrap_or_else(|| {
-        let offer = tree.offer(reachable_from, new, f64::NEG_INFINITY);
-        (reachable_from, offer.expect("a leg to a node without children is better than nothing"))
-    });
+    let Connection { position, parent, offer } = chosen.expect("any leg to a node without children is better than nothing");
     // "Connect w_new to T by setting w_p as w_new's parent".
+    let new = tree.add(position);
     tree.connect(parent, new, offer.end);
     // "Rewire_Tree(T, w_new)".
     rewire_tree(problem, tree, new, stop);
     Ok(true)
+}
+
+/// Where a new waypoint would hang.
+struct Connection {
+    position: Point3<f64>,
+    parent: usize,
+    offer: Offer,
+}
+
+/// The parent of a new waypoint at `position`, if E of the path over it exceeds `least`.
+fn best_connection(
+    problem: &Problem,
+    tree: &mut Tree,
+    position: Point3<f64>,
+    reachable_from: usize,
+    least: f64,
+) -> Option<Connection> {
+    let new = tree.add(position);
+    // "N <- Find_Neighbors(T, w_new)".
+    let mut candidates = find_neighbours(problem, tree, new);
+    // "if N is empty then w_p <- Find the node in T that is nearest to w_new and reachable to w_new".
+    if candidates.is_empty() {
+        candidates.push(reachable_from);
+    }
+    let mut best = None;
+    for n in candidates {
+        // "w_p <- Find the node in N that maximizes Eq. (6) for trajectory {w_start, ..., w_p, w_new}".
+        let least = best.as_ref().map_or(least, |connection: &Connection| connection.offer.objective);
+        if let Some(offer) = tree.offer(n, new, least) {
+            best = Some(Connection { position, parent: n, offer });
+        }
+    }
+    tree.take_back(new);
+    best
 }
 
 /// Algorithm 3, Random_Sample. Returns the location and the nearest node that it can be reached from; nothing when stopped.

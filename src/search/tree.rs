@@ -76,6 +76,18 @@ impl<'p, 'a> Tree<'p, 'a> {
         self.nodes.len() - 1
     }
 
+    /// Takes back the node that was added last and was never connected.
+    pub fn take_back(&mut self, last: usize) {
+        debug_assert!(last + 1 == self.nodes.len() && self.nodes[last].parent.is_none());
+        self.nodes.truncate(last);
+        for other in 0..last {
+            self.flyable.remove(&(other, last));
+            if let Some(seen) = self.legs.remove(&(other, last)) {
+                self.held -= seen.len();
+            }
+        }
+    }
+
     /// Whether the drone can fly between two nodes, in either direction.
     pub fn can_fly(&mut self, a: usize, b: usize) -> bool {
         let (from, to) = (self.nodes[a].pose.position, self.nodes[b].pose.position);

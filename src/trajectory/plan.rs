@@ -65,6 +65,11 @@ impl Camera {
     }
 }
 
+/// How far cameras see, as [`crate::camera::sight_scale`] has it.
+pub fn sight_scale(cameras: &[Camera]) -> f64 {
+    crate::camera::sight_scale(cameras.iter().filter(|camera| camera.intrinsics.is_some()).map(|camera| camera.pixel_rad))
+}
+
 /// Which scene, in which state, a plan belongs to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneStamp {

@@ -14,15 +14,15 @@ use crate::cli::{in_process, rig_file, settings_file};
 use crate::planner::{self, Method, PlanOptions, StopToken};
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
-    let settings = Arc::new(settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?);
+    let rig = rig_file::read(&arguments.rig)?.rig;
+    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?.adapted_to(&rig);
+    settings.check()?;
+    let settings = Arc::new(settings);
     let stop = StopToken::default();
     let mut meter = Meter::new(form);
     let (scene, _) = in_process::read_scene(&arguments.file, &settings)?;
     let snapshot = in_process::build_field(scene, &settings, &stop, &mut meter)?;
-    let options = PlanOptions {
-        iterations: arguments.iterations,
-        ..PlanOptions::new(rig_file::read(&arguments.rig)?.rig, Method::Paper, 1)
-    };
+    let options = PlanOptions { iterations: arguments.iterations, ..PlanOptions::new(rig, Method::Paper, 1) };
     let (mut search_ms, mut check_ms, mut facts) = (Vec::new(), Vec::new(), Vec::new());
     for round in 1..=arguments.repeat {
         meter.stage(&format!("round {round} of {}", arguments.repeat));

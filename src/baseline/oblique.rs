@@ -400,7 +400,7 @@ mod tests {
         let phantom = adapted_rig(&Rig::preset("phantom4-rtk").unwrap(), &settings);
         let fov_deg = phantom.camera(0).1.unwrap().fov_deg();
         // 2 atan(6.6/30) and 2 atan(4.4/30).
-        assert!((fov_deg[0] - 24.814).abs() < 1e-3 && (fov_deg[1] - 16.689).abs() < 1e-3, "{fov_deg:?}");
+        assert!((fov_deg[0] - 24.8148).abs() < 1e-3 && (fov_deg[1] - 16.6878).abs() < 1e-3, "{fov_deg:?}");
         let own = BaselineSettings { op_focal_mm: 0.0, ..settings };
         assert_eq!(adapted_rig(&phantom, &own), phantom);
     }

@@ -123,7 +123,7 @@ impl<'a> Choice<'a> {
             let fresh: Vec<(u64, u32)> = touched.par_iter().map(|&site| self.best_of_site(site)).collect();
             touched.into_iter().zip(fresh).for_each(|(site, fresh)| best[site as usize] = fresh);
             taken += 1;
-            if taken % 32 == 0 {
+            if taken.is_multiple_of(32) {
                 let done = 50.0 * self.tally.value() as f64 / goal.max(1) as f64;
                 report.tell_views(done as u32, problem, self.poses().iter());
             }

@@ -388,7 +388,7 @@ pub struct GenerateArgs {
     /// Seed of the block
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
     pub seed: u64,
-    /// Size of the block, m east and north; `428,302` with `--buildings 84 --tallest 95` is the paper's scene NY-1
+    /// Size of the block, m east and north; `428,302` with `--buildings 84 --tallest 95 --built 0.2` stands for the paper's scene NY-1
     #[arg(long, value_name = "X,Y", default_value = "300,300")]
     pub extent: Meters2,
     /// Number of building lots
@@ -397,6 +397,9 @@ pub struct GenerateArgs {
     /// Height of the tallest tower, m
     #[arg(long, value_name = "M", default_value_t = 90.0, value_parser = values::metres)]
     pub tallest: f64,
+    /// Share of the lots that are built on
+    #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
+    pub built: f64,
     /// File to write [default: standard output]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,

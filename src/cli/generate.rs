@@ -31,8 +31,11 @@ fn block(arguments: &GenerateArgs) -> Result<BlockSettings, Failure> {
     if !within(arguments.tallest, TALLEST_M) {
         return Err(Failure::Usage(format!("--tallest {}: give {} to {} m", arguments.tallest, TALLEST_M[0], TALLEST_M[1])));
     }
+    if !within(arguments.built, [0.0, 1.0]) {
+        return Err(Failure::Usage(format!("--built {}: give a share from 0 to 1", arguments.built)));
+    }
     let (seed, buildings, max_height_m) = (arguments.seed, arguments.buildings, arguments.tallest);
-    Ok(BlockSettings { seed, extent_m, buildings, max_height_m, ..Default::default() })
+    Ok(BlockSettings { seed, extent_m, buildings, max_height_m, built_share: arguments.built, ..Default::default() })
 }
 
 fn commas([x, y]: [f64; 2]) -> String {

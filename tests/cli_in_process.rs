@@ -374,8 +374,7 @@ fn a_degraded_scene_keeps_its_structures_and_warns_when_the_safety_distance_cann
     let place = Place::new();
     let scene = place.scene();
     let degrade = |heights: &str, more: &[&str]| {
-        let output =
-            place.run(&[&["degrade", "reproduce", &scene, "--heights", heights, "--out", "rough.geojson"], more].concat());
+        let output = place.run(&[&["degrade", &scene, "--heights", heights, "--out", "rough.geojson"], more].concat());
         assert!(output.status.success(), "{}", stderr(&output));
         output
     };
@@ -390,9 +389,9 @@ fn a_degraded_scene_keeps_its_structures_and_warns_when_the_safety_distance_cann
     let rough = degrade("0", &["--boundary", "medium", "--config", "close.toml"]);
     assert!(stderr(&rough).contains("warning: the proxy is wrong by up to 2.00 m"), "{}", stderr(&rough));
 
-    let answer = place.json(&["degrade", "reproduce", &scene, "--heights", "90", "--seed", "4", "--out", "rough.geojson"]);
+    let answer = place.json(&["degrade", &scene, "--heights", "90", "--seed", "4", "--out", "rough.geojson"]);
     let vertical = answer["largest_error_m"]["vertical"].as_f64().unwrap();
     assert!(vertical <= 0.9 * 24.0 && (answer["warning"].is_null() == (vertical <= 5.0)), "{answer}");
-    let refused = place.run(&["degrade", "reproduce", &scene, "--heights", "91", "--out", "x.geojson"]);
+    let refused = place.run(&["degrade", &scene, "--heights", "91", "--out", "x.geojson"]);
     assert!(refused.status.code() == Some(2) && stderr(&refused).contains("0 to 90"), "{}", stderr(&refused));
 }

@@ -13,8 +13,23 @@ fn help_teaches_with_examples_units_and_exit_codes() {
         assert!(help.contains(word), "{word} is not in {help}");
     }
     let commands = [
-        "demo", "serve", "load", "plan", "evaluate", "edit", "watch", "cancel", "unload", "status", "reload", "stop", "bench",
-        "generate", "rigs",
+        "demo",
+        "serve",
+        "load",
+        "plan",
+        "edit",
+        "watch",
+        "cancel",
+        "unload",
+        "status",
+        "reload",
+        "stop",
+        "bench",
+        "generate",
+        "degrade",
+        "reproduce",
+        "evaluate",
+        "rigs",
     ];
     for command in commands {
         let output = place.run(&[command, "--help"]);
@@ -352,4 +367,31 @@ fn an_interrupted_plan_is_the_best_so_far_or_none_with_an_exit_code_of_its_own()
         Some(130) => assert!(!place.path("out").exists() && stderr(&output).contains("interrupted"), "{}", stderr(&output)),
         other => panic!("{other:?}: {}", stderr(&output)),
     }
+}
+
+#[test]
+fn a_degraded_scene_keeps_its_structures_and_warns_when_the_safety_distance_cannot_cover_it() {
+    let place = Place::new();
+    let scene = place.scene();
+    let degrade = |heights: &str, more: &[&str]| {
+        let output = place.run(&[&["degrade", &scene, "--heights", heights, "--out", "rough.geojson"], more].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        output
+    };
+    let mild = degrade("10", &["--boundary", "rough"]);
+    assert!(stdout(&mild).contains("4 structures") && stdout(&mild).contains("walls by up to 4.00 m"), "{}", stdout(&mild));
+    assert!(!stderr(&mild).contains("warning"), "{}", stderr(&mild));
+    place.run(&["plan", "rough.geojson", "--iterations", "20", "--out", "out"]);
+    let plan: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
+    assert_eq!(plan["format"], "overfly-plan/1");
+
+    std::fs::write(place.path("close.toml"), "[flight]\nsafety_distance_m = 1.5\n").unwrap();
+    let rough = degrade("0", &["--boundary", "medium", "--config", "close.toml"]);
+    assert!(stderr(&rough).contains("warning: the proxy is wrong by up to 2.00 m"), "{}", stderr(&rough));
+
+    let answer = place.json(&["degrade", &scene, "--heights", "90", "--seed", "4", "--out", "rough.geojson"]);
+    let vertical = answer["largest_error_m"]["vertical"].as_f64().unwrap();
+    assert!(vertical <= 0.9 * 24.0 && (answer["warning"].is_null() == (vertical <= 5.0)), "{answer}");
+    let refused = place.run(&["degrade", &scene, "--heights", "91", "--out", "x.geojson"]);
+    assert!(refused.status.code() == Some(2) && stderr(&refused).contains("0 to 90"), "{}", stderr(&refused));
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::values::{self, Degrees2, Meters2, Meters3, Outline};
+use crate::scene::degrade::Boundary;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -77,6 +78,10 @@ pub enum Command {
     Bench(BenchArgs),
     /// Write a generated city block as GeoJSON
     Generate(GenerateArgs),
+    /// Write a scene file as an imperfect proxy: wrong heights, dilated boundaries
+    Degrade(DegradeArgs),
+    /// Plan and evaluate what the paper's tables and figures show, with the paper's own rows beside
+    Reproduce(ReproduceArgs),
     /// List the rigs that are built in, or print the file of one
     Rigs(RigsArgs),
 }
@@ -398,6 +403,83 @@ pub struct GenerateArgs {
     /// File to write [default: standard output]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+}
+
+/// How far boundaries are dilated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum BoundaryDegree {
+    /// Not at all
+    Original,
+    /// 1 m
+    Minor,
+    /// 2 m
+    Medium,
+    /// 4 m
+    Rough,
+}
+
+impl From<BoundaryDegree> for Boundary {
+    fn from(degree: BoundaryDegree) -> Self {
+        match degree {
+            BoundaryDegree::Original => Self::Original,
+            BoundaryDegree::Minor => Self::Minor,
+            BoundaryDegree::Medium => Self::Medium,
+            BoundaryDegree::Rough => Self::Rough,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Structures keep their names and ids. Warns when the proxy is wrong by more than `flight.safety_distance_m`. Meshes are written as \
+    the prism over their outline.\n\nExample:\n  overfly degrade town.geojson --heights 20 --boundary medium --out rough-town.geojson"
+)]
+pub struct DegradeArgs {
+    /// Scene file
+    pub file: PathBuf,
+    /// Each height is off by up to so much, percent (0 to 90)
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_negative_numbers = true, value_parser = values::height_percent)]
+    pub heights: f64,
+    /// How far boundaries are moved outward
+    #[arg(long, value_enum, value_name = "DEGREE", default_value = "original")]
+    pub boundary: BoundaryDegree,
+    /// Seed of the heights
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
+    pub seed: u64,
+    /// GeoJSON file to write
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// TOML file whose keys replace the built-in values
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Writes reproduction.md, reproduction.json and the charts (fig9.svg, fig10.svg, convergence.svg) into the folder of `--out`. Parts: table1, table2, \
+    table3, table4, table5, fig9, fig10, convergence, times, sweep; all but the sweep by default. The seeds are 1, 2, ...; everything but \
+    the times is the same on every run. Scenes that the folder of `--scenes` does not hold are left out and named.\n\nExamples:\n  overfly reproduce\n  \
+    overfly reproduce --only table1,fig9 --out figures\n  overfly reproduce --only sweep --out sweep"
+)]
+pub struct ReproduceArgs {
+    /// Parts to reproduce, separated by commas [default: all but the sweep]
+    #[arg(long, value_name = "PARTS", value_delimiter = ',')]
+    pub only: Vec<String>,
+    /// Flights for each row: medians and ranges are of so many seeds
+    #[arg(long, value_name = "N", default_value_t = 5, allow_negative_numbers = true, value_parser = values::seeds)]
+    pub seeds: u32,
+    /// One seed and small sizes: shows whether everything runs, and nothing else
+    #[arg(long)]
+    pub quick: bool,
+    /// Folder that holds the real scenes, each in a folder of its name
+    #[arg(long, value_name = "DIR", env = "OVERFLY_SCENES", hide_env_values = true, default_value = "../shared/scenes")]
+    pub scenes: PathBuf,
+    /// Folder for the results; it is created
+    #[arg(long, value_name = "DIR", default_value = "tests/reproduction")]
+    pub out: PathBuf,
+    /// TOML file whose keys replace the built-in values
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

@@ -12,6 +12,7 @@ use crate::mission::plan_read::PlanReadError;
 use crate::mission::svg::SvgError;
 use crate::planner::PlanError;
 use crate::quality::Misplaced;
+use crate::reproduction::ReproductionError;
 use crate::scene::ImportError;
 use crate::session::FieldError;
 use crate::settings::SettingsError;
@@ -57,6 +58,8 @@ pub enum Failure {
     #[error("{path:?}: {cause}")]
     RigFile { path: PathBuf, cause: RigError },
     #[error(transparent)]
+    Reproduction(ReproductionError),
+    #[error(transparent)]
     PlanFile(#[from] PlanReadError),
     #[error(transparent)]
     Misplaced(#[from] Misplaced),
@@ -83,6 +86,8 @@ impl Failure {
             Failure::Read { .. } | Failure::Configuration(_) | Failure::Settings(_) | Failure::Import(_) => Kind::InputFile,
             Failure::Client(error) => client_kind(error),
             Failure::Interrupted => Kind::Interrupted,
+            Failure::Reproduction(ReproductionError::UnknownPart(_)) => Kind::Usage,
+            Failure::Reproduction(_) => Kind::NoPlan,
             Failure::RigFile { .. } | Failure::PlanFile(_) | Failure::Misplaced(_) | Failure::UnknownScene { .. } => {
                 Kind::InputFile
             }
@@ -113,6 +118,12 @@ impl Kind {
             Kind::NoPlan => "no_plan",
             Kind::Interrupted => "interrupted",
         }
+    }
+}
+
+impl From<ReproductionError> for Failure {
+    fn from(error: ReproductionError) -> Self {
+        if error == ReproductionError::Stopped { Failure::Interrupted } else { Failure::Reproduction(error) }
     }
 }
 

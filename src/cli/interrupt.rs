@@ -11,8 +11,13 @@ pub struct Interrupts {
 }
 
 impl Interrupts {
-    /// Runs `stop` on the first signal. Where no signals can be caught they keep their usual meaning.
+    /// Runs `stop` on the first signal: it ends a search with its best plan.
     pub fn first(form: Form, stop: impl FnOnce() + Send + 'static) -> Self {
+        Self::announced(form, "stopping: the best plan so far follows; Ctrl-C again ends at once", stop)
+    }
+
+    /// Runs `stop` on the first signal and says what follows. Where no signals can be caught they keep their usual meaning.
+    pub fn announced(form: Form, what_follows: &'static str, stop: impl FnOnce() + Send + 'static) -> Self {
         let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) else { return Self { handle: None } };
         let handle = signals.handle();
         std::thread::spawn(move || {
@@ -20,7 +25,7 @@ impl Interrupts {
             for signal in signals.forever() {
                 match stop.take() {
                     Some(stop) => {
-                        form.remark("stopping: the best plan so far follows; Ctrl-C again ends at once");
+                        form.remark(what_follows);
                         stop();
                     }
                     None => drop(signal_hook::low_level::emulate_default_handler(signal)),

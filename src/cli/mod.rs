@@ -4,6 +4,7 @@ mod answer;
 mod arguments;
 mod bench;
 mod daemon;
+mod degrade;
 mod demo;
 mod edit;
 mod evaluate;
@@ -18,6 +19,7 @@ mod outputs;
 mod plan;
 mod private_daemon;
 mod progress;
+mod reproduce;
 mod rig_file;
 mod rigs;
 mod scene;
@@ -72,6 +74,8 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Stop(reach) => status::stop(reach).map(Some),
         Command::Bench(arguments) => bench::run(arguments, form).map(Some),
         Command::Generate(arguments) => generate::run(arguments, form).map(Some),
+        Command::Degrade(arguments) => degrade::run(arguments, form).map(Some),
+        Command::Reproduce(arguments) => reproduce::run(arguments, form).map(Some),
         Command::Rigs(arguments) => rigs::run(arguments).map(Some),
     }
 }

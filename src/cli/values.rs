@@ -2,6 +2,9 @@
 
 use std::str::FromStr;
 
+use crate::reproduction::MOST_SEEDS;
+use crate::scene::degrade::MOST_HEIGHT_PERCENT;
+
 /// Two lengths, `DX,DY`, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Meters2(pub [f64; 2]);
@@ -32,6 +35,8 @@ pub enum ValueError {
     WholeNumber { text: String, least: u64, most: u64 },
     #[error("{0:?} is no direction; give an azimuth from -360 to 360 and a pitch from -90 to 90 degrees")]
     Direction(String),
+    #[error("{text:?} will not do; give a number of percent from 0 to {most}")]
+    Percent { text: String, most: f64 },
     #[error("an outline needs at least three corners, such as \"0,0 8,0 8,8 0,8\"")]
     TooFewCorners,
 }
@@ -76,10 +81,22 @@ pub fn metres(text: &str) -> Result<f64, ValueError> {
     number(text)
 }
 
+/// By how much heights are off, percent.
+pub fn height_percent(text: &str) -> Result<f64, ValueError> {
+    let percent = text.trim().parse().ok().filter(|percent| (0.0..=MOST_HEIGHT_PERCENT).contains(percent));
+    percent.ok_or_else(|| ValueError::Percent { text: text.to_owned(), most: MOST_HEIGHT_PERCENT })
+}
+
 /// How many of something, from 1 to ten million.
 pub fn count(text: &str) -> Result<u32, ValueError> {
     let count = text.trim().parse().ok().filter(|count| (1..=MOST).contains(count));
     count.ok_or_else(|| ValueError::WholeNumber { text: text.to_owned(), least: 1, most: MOST.into() })
+}
+
+/// How many seeds.
+pub fn seeds(text: &str) -> Result<u32, ValueError> {
+    let seeds = text.trim().parse().ok().filter(|seeds| (1..=MOST_SEEDS).contains(seeds));
+    seeds.ok_or_else(|| ValueError::WholeNumber { text: text.to_owned(), least: 1, most: MOST_SEEDS.into() })
 }
 
 /// A seed, or how many plans.
@@ -109,6 +126,14 @@ mod tests {
         }
         assert_eq!((count("10000000"), seed("0")), (Ok(10_000_000), Ok(0)));
         assert!(seed("-1").is_err());
+    }
+
+    #[test]
+    fn heights_are_off_by_at_most_ninety_percent() {
+        assert_eq!((height_percent("0"), height_percent("90")), (Ok(0.0), Ok(90.0)));
+        for text in ["-1", "90.1", "nan", "inf", "ten", ""] {
+            assert!(height_percent(text).unwrap_err().to_string().ends_with("give a number of percent from 0 to 90"), "{text}");
+        }
     }
 
     #[test]

@@ -29,6 +29,8 @@ pub mod write;
 
 pub mod edit;
 
+pub mod degrade;
+
 pub mod clearance;
 mod distance;
 pub mod free_space;

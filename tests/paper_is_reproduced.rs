@@ -1,0 +1,155 @@
+//! `overfly reproduce` gives all tables with the paper's rows beside ours, the same on every run, and says what it lacks.
+
+mod program;
+mod support;
+
+use std::collections::BTreeMap;
+
+use overfly::camera::Rig;
+use overfly::planner::{Method, PlanOptions, StopToken, plan};
+use overfly::search::Problem;
+use overfly::trajectory::evaluate::sightings;
+use overfly::trajectory::select::ranking;
+use program::{Place, stderr, stdout};
+use serde_json::Value;
+use support::{session, small_block, small_settings, snapshot};
+
+/// Rows of the paper and of ours in each table, where the folder of scenes lacks delfshaven.
+const ROWS: [(&str, usize, usize); 9] = [
+    ("table1", 4, 4),
+    ("table2-heights", 3, 3),
+    ("table2-boundaries", 4, 4),
+    ("table3", 12, 8),
+    ("table4", 4, 2),
+    ("table5", 4, 2),
+    ("fig9", 0, 9),
+    ("fig10", 1, 8),
+    ("convergence", 0, 8),
+];
+
+/// A place with a folder of scenes that holds small towns instead of two of the real ones.
+fn place_with_scenes() -> Place {
+    let place = Place::new();
+    let town = place.scene();
+    for name in ["nihonbashi", "manhattan"] {
+        std::fs::create_dir_all(place.path("scenes").join(name)).unwrap();
+        std::fs::copy(place.path(&town), place.path("scenes").join(name).join("buildings.geojson")).unwrap();
+    }
+    place
+}
+
+fn reproduce(place: &Place, threads: &str, words: &[&str]) -> std::process::Output {
+    let words = [&["reproduce", "--quick", "--scenes", "scenes"], words].concat();
+    let output = place.command(&words).env("RAYON_NUM_THREADS", threads).output().unwrap();
+    assert!(output.status.success(), "{}{}", stdout(&output), stderr(&output));
+    output
+}
+
+fn json(place: &Place, folder: &str) -> Value {
+    serde_json::from_slice(&place.read(&format!("{folder}/reproduction.json"))).unwrap()
+}
+
+/// What stands in a column of the first row of a table by the given hand.
+fn first<'a>(table: &'a Value, by: &str, column: &str) -> &'a Value {
+    let row = table["rows"].as_array().unwrap().iter().find(|row| row["by"] == by).unwrap();
+    &row["cells"][column]
+}
+
+#[test]
+fn a_quick_run_gives_all_tables_with_the_paper_s_rows_and_is_the_same_again() {
+    let place = place_with_scenes();
+    let output = reproduce(&place, "1", &["--out", "first"]);
+    reproduce(&place, "3", &["--out", "second"]);
+    let [mut first_run, mut second_run] = ["first", "second"].map(|folder| json(&place, folder));
+
+    let tables: BTreeMap<String, Value> = first_run["tables"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|table| (table["key"].as_str().unwrap().to_owned(), table.clone()))
+        .collect();
+    assert_eq!(tables.len(), ROWS.len());
+    for (key, of_the_paper, ours) in ROWS {
+        let count = |by: &str| tables[key]["rows"].as_array().unwrap().iter().filter(|row| row["by"] == by).count();
+        assert_eq!((count("paper"), count("overfly")), (of_the_paper, ours), "{key}: {}", tables[key]["notes"]);
+    }
+    assert_eq!(first(&tables["table1"], "paper", "Length ↓ [m]"), 3274.0);
+    assert_eq!(first(&tables["table3"], "paper", "Completeness 0.075 m ↑ [%]"), 49.47);
+    assert!(first(&tables["table1"], "overfly", "Length ↓ [m]")["median"].as_f64().unwrap() > 0.0);
+    assert_eq!(first(&tables["table2-heights"], "overfly", "Flights that collide"), "0 of 1");
+    let skipped = "Skipped delfshaven: there is no delfshaven/delfshaven.city.json in the folder of scenes.";
+    for key in ["table3", "table4", "table5", "fig10"] {
+        assert!(tables[key]["notes"].as_array().unwrap().contains(&skipped.into()), "{key}");
+    }
+    assert_eq!(first_run["missing_scenes"], serde_json::json!(["delfshaven/delfshaven.city.json"]));
+    let times = &first_run["times"]["tables"][0];
+    assert_eq!((times["key"].as_str(), times["rows"].as_array().map(Vec::len)), (Some("planning-time"), Some(5)));
+    assert!(stdout(&output).contains("| paper | full Eq. (6) | 2151 | 84 | 384 | 115 |"), "{}", stdout(&output));
+    assert!(stderr(&output).contains("table2") && stderr(&output).contains("sampling the truth"), "{}", stderr(&output));
+
+    for run in [&mut first_run, &mut second_run] {
+        let members = run.as_object_mut().unwrap();
+        assert!(members.remove("machine").is_some() && members.remove("times").is_some());
+    }
+    assert_eq!(first_run.to_string(), second_run.to_string());
+    let figures = |folder: &str| {
+        let text = String::from_utf8(place.read(&format!("{folder}/reproduction.md"))).unwrap();
+        text.split_once("## Machine and times").unwrap().0.to_owned()
+    };
+    assert_eq!(figures("first"), figures("second"));
+    for name in ["convergence.svg", "fig10.svg", "fig9.svg"] {
+        let drawing = place.read(&format!("first/{name}"));
+        assert!(roxmltree::Document::parse(std::str::from_utf8(&drawing).unwrap()).is_ok(), "{name}");
+        assert_eq!(drawing, place.read(&format!("second/{name}")));
+    }
+    assert_eq!(place.files("first"), ["convergence.svg", "fig10.svg", "fig9.svg", "reproduction.json", "reproduction.md"]);
+}
+
+#[test]
+fn only_what_is_asked_for_is_made() {
+    let place = place_with_scenes();
+    reproduce(&place, "2", &["--only", "sweep,table1", "--out", "out"]);
+    let found = json(&place, "out");
+    let keys: Vec<&str> = found["tables"].as_array().unwrap().iter().map(|table| table["key"].as_str().unwrap()).collect();
+    assert_eq!(keys, ["table1", "sweep"]);
+    // Eleven values on two scenes of three.
+    assert_eq!(found["tables"][1]["rows"].as_array().map(Vec::len), Some(22));
+    assert_eq!(found["command"], "overfly reproduce --only sweep,table1 --quick --scenes SCENES --out DIR");
+    assert_eq!(place.files("out"), ["reproduction.json", "reproduction.md"]);
+}
+
+#[test]
+fn unknown_parts_and_numbers_of_seeds_are_refused_before_anything_is_made() {
+    let place = Place::new();
+    let message = place.fails(2, "usage", &["reproduce", "--only", "table1,table7", "--out", "out"]);
+    assert!(message.contains("\"table7\"") && message.contains("table5, fig9"), "{message}");
+    let message = place.fails(2, "usage", &["reproduce", "--seeds", "0", "--out", "out"]);
+    assert!(message.contains("from 1 to 100"), "{message}");
+    assert!(!place.path("out").exists());
+}
+
+#[test]
+fn a_ranking_holds_every_image_once_and_begins_with_the_selected_ones() {
+    let settings = small_settings();
+    for (rig, seed) in [("m300-oblique", 3), ("phantom4-rtk", 4)] {
+        let rig = Rig::preset(rig).unwrap();
+        let snapshot = snapshot(&session(small_block(seed), &settings));
+        let options = PlanOptions { iterations: Some(60), ..PlanOptions::new(rig.clone(), Method::Paper, seed) };
+        let plan = plan(&snapshot, &settings, &options, &StopToken::default(), &mut |_| {}).unwrap();
+        let problem = Problem::new(&snapshot, &settings, rig);
+        let seen = sightings(&snapshot, &plan.images, &StopToken::default()).unwrap();
+        let order = ranking(&problem, &seen, plan.images.len());
+        let selected = plan.selected_images();
+        assert!(0 < selected && selected < plan.images.len());
+        assert!(order[..selected].iter().all(|&image| plan.images[image].selected));
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, (0..plan.images.len()).collect::<Vec<_>>());
+        // Each image gains at least as much as any later one would have at its place.
+        let information = |images: &[usize]| seen.capture(&problem, |image| images.contains(&(image as usize))).information;
+        for place in 0..selected.min(12) {
+            let with = |image: usize| information(&[&order[..place], &[image]].concat());
+            assert!((0..plan.images.len()).all(|other| with(other) <= with(order[place])), "place {place}");
+        }
+    }
+}

@@ -86,7 +86,7 @@ fn add_pair(study: &mut Study, table: &mut Table, theirs: &Trial) -> Result<(), 
     let qualities = study.qualities(theirs)?;
     let found = pairs(study, theirs, &flights, &qualities)?;
     match found.into_iter().collect::<Result<Vec<Pair>, PlanError>>() {
-        Ok(pairs) => add_row(table, theirs, &pairs),
+        Ok(pairs) => add_row(table, theirs, &pairs, Grid::of(&theirs.settings).most()),
         Err(error) => table.note(format!("No flight of ours over {}: {error}.", theirs.site.name())),
     }
     Ok(())
@@ -120,23 +120,32 @@ fn pairs<'a>(
     if stop.is_stopped() { Err(ReproductionError::Stopped) } else { Ok(found) }
 }
 
-fn add_row(table: &mut Table, theirs: &Trial, pairs: &[Pair]) {
-    let label = figures::label(theirs.method);
+fn add_row(table: &mut Table, theirs: &Trial, pairs: &[Pair], most: u32) {
+    let (scene, label) = (theirs.site.name(), figures::label(theirs.method));
     for pair in pairs.iter().filter(|pair| !pair.ours.is_reached) {
+        let Matched { iterations, plan, quality, .. } = &pair.ours;
         table.note(format!(
-            "Not reached over {} against {label} with seed {}: {:.2} % of {:.2} % after K = {}.",
-            theirs.site.name(),
-            pair.ours.plan.seed,
-            completeness_percent(&pair.ours.quality),
+            "Not reached over {scene} against {label} with seed {}: after K = {iterations} ours has {:.2} % of their {:.2} %, on {:.0} m in {:.0} s.",
+            plan.seed,
+            completeness_percent(quality),
             completeness_percent(pair.theirs.1),
-            pair.ours.iterations
+            plan.metrics.length_m,
+            plan.metrics.profile_s
         ));
     }
-    table.ours(&[theirs.site.name(), label, theirs.rig], cells(pairs));
+    let is_poor = |pair: &Pair| completeness_percent(pair.theirs.1) < table3::LEAST_COMMON_PERCENT;
+    if pairs.iter().any(is_poor) {
+        table.note(format!(
+            "{label} over {scene} reconstructs less than {} %: no lower Completeness is next to nothing there, and the ratio of times says nothing \
+             about flights for a reconstruction.",
+            table3::LEAST_COMMON_PERCENT
+        ));
+    }
+    table.ours(&[scene, label, theirs.rig], cells(pairs, most));
 }
 
 /// Their figures from all seeds, ours from those that reach the Completeness.
-fn cells(pairs: &[Pair]) -> Vec<Cell> {
+fn cells(pairs: &[Pair], most: u32) -> Vec<Cell> {
     let reached: Vec<&Pair> = pairs.iter().filter(|pair| pair.ours.is_reached).collect();
     let their_plans = |decimals, figure: fn(&Plan) -> f64| spread(pairs.iter().map(|pair| figure(pair.theirs.0)), decimals);
     let our_plans = |decimals, figure: fn(&Plan) -> f64| spread(reached.iter().map(|pair| figure(&pair.ours.plan)), decimals);
@@ -158,7 +167,7 @@ fn cells(pairs: &[Pair]) -> Vec<Cell> {
         their_plans(0, |plan| plan.images.len() as f64),
         our_plans(0, |plan| plan.images.len() as f64),
         of_reached(0, |pair| pair.ours.iterations.into()),
-        Cell::text(format!("{} of {}", reached.len(), pairs.len())),
+        Cell::text(format!("{} of {} by K = {most}", reached.len(), pairs.len())),
     ]
 }
 
@@ -171,14 +180,15 @@ fn add_notes(study: &Study, table: &mut Table) {
     let settings = figures::benchmark(&study.settings);
     let grid = Grid::of(&settings);
     figures::note_settings(table, &settings, study.seeds);
-    figures::note_quality(table, &settings);
+    figures::note_quality_of(table, &settings, "all images");
     table.note(format!(
         "Here G = 100 % for our method, so that its goal never ends the search, and K is not that above: it is the first of {}, {}, ... {} at which \
          the flight has no lower predicted Completeness (0.050 m) than theirs, by doubling and halving. The step before K is not enough; Completeness \
-         need not rise with every step, so that one farther below may be.",
+         need not rise with every step, so that one farther below may be. Nothing is tried below K = {}.",
         grid.step,
         2 * grid.step,
-        grid.most()
+        grid.most(),
+        grid.step
     ));
     table.note(
         "Completeness is that of all images of both flights, unlike in Table 3: the post-selection (section 5.3) is meant mainly for five \

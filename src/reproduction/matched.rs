@@ -4,7 +4,7 @@ use crate::camera::Rig;
 use crate::field::Snapshot;
 use crate::planner::{self, Method, PlanError, PlanOptions, StopToken};
 use crate::quality::{self, COMPLETENESS_M, Quality, Truth, Which};
-use crate::settings::Settings;
+use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::trajectory::plan::Plan;
 
 /// Points of a grid.
@@ -23,7 +23,7 @@ pub struct Grid {
 impl Grid {
     /// Up to four times the usual number of iterations: with K = 400 these are 25, 50, ... 1600.
     pub fn of(settings: &Settings) -> Self {
-        Self { step: (settings.search.iterations / STEPS_PER_SEARCH).max(1), points: POINTS }
+        Self { step: (settings.search.iterations / STEPS_PER_SEARCH).clamp(1, MOST_ITERATIONS / POINTS), points: POINTS }
     }
 
     pub fn most(self) -> u32 {
@@ -73,7 +73,7 @@ pub fn match_completeness(
     settings.coverage.goal_percent = 100.0;
     let wanted_percent = completeness_percent(theirs);
     let make = |point: u32| {
-        let iterations = point * grid.step;
+        let iterations = point.saturating_mul(grid.step);
         let options = PlanOptions { iterations: Some(iterations), ..PlanOptions::new(rival.rig.clone(), Method::Paper, seed) };
         let plan = planner::plan(rival.snapshot, &settings, &options, stop, &mut |_| ())?;
         let shots = quality::shots(&plan, Which::All);
@@ -149,5 +149,7 @@ mod tests {
         let mut settings = Settings::default();
         settings.search.iterations = 0;
         assert_eq!(Grid::of(&settings).step, 1);
+        settings.search.iterations = MOST_ITERATIONS;
+        assert!(Grid::of(&settings).most() <= MOST_ITERATIONS);
     }
 }

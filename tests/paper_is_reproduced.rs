@@ -7,21 +7,25 @@ use std::collections::BTreeMap;
 
 use overfly::camera::Rig;
 use overfly::planner::{Method, PlanOptions, StopToken, plan};
+use overfly::quality::{self, Truth, Which};
+use overfly::reproduction::{Grid, Rival, completeness_percent, match_completeness};
 use overfly::search::Problem;
 use overfly::trajectory::evaluate::sightings;
+use overfly::trajectory::plan::Plan;
 use overfly::trajectory::select::ranking;
 use program::{Place, stderr, stdout};
 use serde_json::Value;
 use support::{session, small_block, small_settings, snapshot};
 
 /// Rows of the paper and of ours in each table, where the folder of scenes lacks delfshaven.
-const ROWS: [(&str, usize, usize); 9] = [
+const ROWS: [(&str, usize, usize); 10] = [
     ("table1", 4, 4),
     ("table2-heights", 3, 3),
     ("table2-boundaries", 4, 4),
     ("table3", 12, 8),
     ("table4", 4, 2),
     ("table5", 4, 2),
+    ("equal", 4, 6),
     ("fig9", 0, 9),
     ("fig10", 1, 8),
     ("convergence", 0, 8),
@@ -78,9 +82,10 @@ fn a_quick_run_gives_all_tables_with_the_paper_s_rows_and_is_the_same_again() {
     assert!(first(&tables["table1"], "overfly", "Length ↓ [m]")["median"].as_f64().unwrap() > 0.0);
     assert_eq!(first(&tables["table2-heights"], "overfly", "Flights that collide"), "0 of 1");
     let skipped = "Skipped delfshaven: there is no delfshaven/delfshaven.city.json in the folder of scenes.";
-    for key in ["table3", "table4", "table5", "fig10"] {
+    for key in ["table3", "table4", "table5", "equal", "fig10"] {
         assert!(tables[key]["notes"].as_array().unwrap().contains(&skipped.into()), "{key}");
     }
+    assert_times_are_compared(&tables["equal"], &tables["fig10"]);
     assert_eq!(first_run["missing_scenes"], serde_json::json!(["delfshaven/delfshaven.city.json"]));
     let times = &first_run["times"]["tables"][0];
     assert_eq!((times["key"].as_str(), times["rows"].as_array().map(Vec::len)), (Some("planning-time"), Some(5)));
@@ -105,6 +110,75 @@ fn a_quick_run_gives_all_tables_with_the_paper_s_rows_and_is_the_same_again() {
     assert_eq!(place.files("first"), ["convergence.svg", "fig10.svg", "fig9.svg", "reproduction.json", "reproduction.md"]);
 }
 
+/// Ratios are those of our time and theirs of the same row, and theirs is that of the flight in Fig. 10.
+fn assert_times_are_compared(equal: &Value, fig10: &Value) {
+    let rows = |table: &Value| -> Vec<Value> {
+        let rows = table["rows"].as_array().unwrap().iter();
+        rows.filter(|row| row["by"] == "overfly").map(|row| row["cells"].clone()).collect()
+    };
+    let mut reached = 0;
+    for cells in rows(equal) {
+        let figure = |column: &str| cells[column]["median"].as_f64();
+        let theirs_s = figure("Their profile time [s]").unwrap();
+        let is_same = |other: &&Value| (&other["Scene"], &other["Method"]) == (&cells["Scene"], &cells["Against"]);
+        let drawn = rows(fig10).iter().find(is_same).unwrap()["Profile time [s]"]["median"].as_f64();
+        assert_eq!(Some(theirs_s), drawn, "{cells}");
+        let ours_s = figure("Our profile time ↓ [s]");
+        assert_eq!(figure("Our time over theirs ↓"), ours_s.map(|ours_s| ours_s / theirs_s), "{cells}");
+        // Four times sixteen steps of one iteration, in a quick run.
+        let reaching = if ours_s.is_some() { "1 of 1 by K = 64" } else { "0 of 1 by K = 64" };
+        assert_eq!(cells["Seeds that reach it"], reaching);
+        if let Some(ours_percent) = figure("Our Completeness 0.050 m [%]") {
+            assert!(ours_percent >= figure("Their Completeness 0.050 m [%]").unwrap(), "{cells}");
+            reached += 1;
+        }
+    }
+    assert!(reached > 0);
+}
+
+#[test]
+fn our_flight_of_equal_completeness_is_enough_and_the_step_before_it_is_not() {
+    let mut settings = small_settings();
+    settings.quality.samples = 600;
+    (settings.baseline.zhou_rounds, settings.baseline.tour_kicks) = (1, 5);
+    let (rig, stop) = (Rig::preset("phantom4-rtk").unwrap(), StopToken::default());
+    let grid = Grid { step: 4, points: 40 };
+    let mut beyond_the_first_step = 0;
+    for seed in 1..=3 {
+        let scene = small_block(seed);
+        let snapshot = snapshot(&session(scene.clone(), &settings));
+        let truth = Truth::new(scene, &settings, &stop).unwrap();
+        let completeness = |plan: &Plan| {
+            let quality = quality::assess(&truth, &quality::shots(plan, Which::All), &settings, &stop).unwrap();
+            (completeness_percent(&quality), quality)
+        };
+        let zhou = PlanOptions::new(rig.clone(), Method::Zhou, seed);
+        let (wanted, theirs) = completeness(&plan(&snapshot, &settings, &zhou, &stop, &mut |_| {}).unwrap());
+        let rival = Rival { snapshot: &snapshot, settings: &settings, rig: &rig, truth: &truth, assessing: &settings };
+        let found = match_completeness(&rival, grid, seed, &theirs, &stop).unwrap();
+
+        let mut endless = settings.clone();
+        endless.coverage.goal_percent = 100.0;
+        let ours = |iterations: u32| {
+            let options = PlanOptions { iterations: Some(iterations), ..PlanOptions::new(rig.clone(), Method::Paper, seed) };
+            plan(&snapshot, &endless, &options, &stop, &mut |_| {}).unwrap()
+        };
+        let at_k = ours(found.iterations);
+        assert_eq!((&at_k, at_k.convergence.len()), (&found.plan, found.iterations as usize), "the goal ends no search");
+        assert_eq!((completeness(&at_k).0 >= wanted, found.iterations % grid.step), (found.is_reached, 0));
+        if found.is_reached && found.iterations > grid.step {
+            assert!(completeness(&ours(found.iterations - grid.step)).0 < wanted, "seed {seed}");
+            beyond_the_first_step += 1;
+        }
+        // A grid that ends before: what is found there is the flight after its most iterations.
+        if found.iterations > grid.step {
+            let short = match_completeness(&rival, Grid { points: 1, ..grid }, seed, &theirs, &stop).unwrap();
+            assert_eq!((short.is_reached, short.iterations), (false, grid.step));
+        }
+    }
+    assert!(beyond_the_first_step > 0);
+}
+
 #[test]
 fn only_what_is_asked_for_is_made() {
     let place = place_with_scenes();
@@ -122,7 +196,7 @@ fn only_what_is_asked_for_is_made() {
 fn unknown_parts_and_numbers_of_seeds_are_refused_before_anything_is_made() {
     let place = Place::new();
     let message = place.fails(2, "usage", &["reproduce", "--only", "table1,table7", "--out", "out"]);
-    assert!(message.contains("\"table7\"") && message.contains("table5, fig9"), "{message}");
+    assert!(message.contains("\"table7\"") && message.contains("table5, equal, fig9"), "{message}");
     let message = place.fails(2, "usage", &["reproduce", "--seeds", "0", "--out", "out"]);
     assert!(message.contains("from 1 to 100"), "{message}");
     assert!(!place.path("out").exists());

@@ -50,12 +50,17 @@ pub fn note_settings(table: &mut Table, settings: &Settings, seeds: u32) {
     ));
 }
 
-/// Says what Error and Completeness are here.
+/// Says what Error and Completeness are here, of post-selected images.
 pub fn note_quality(table: &mut Table, settings: &Settings) {
+    note_quality_of(table, settings, "the selected images");
+}
+
+/// Says what Error and Completeness of some images are.
+pub fn note_quality_of(table: &mut Table, settings: &Settings, images: &str) {
     let quality = &settings.quality;
     table.note(format!(
-        "The paper's Error and Completeness are measured on reconstructed meshes; ours are predicted: {} px of noise through the geometry of the \
-         selected images, for samples with at least {} views matched at {} to {} degrees. Compare methods within our rows, not with the paper's.",
+        "The paper's Error and Completeness are measured on reconstructed meshes; ours are predicted: {} px of noise through the geometry of \
+         {images}, for samples with at least {} views matched at {} to {} degrees. Compare methods within our rows, not with the paper's.",
         quality.pixel_noise_px, quality.least_views, quality.min_parallax_deg, quality.max_parallax_deg
     ));
 }

@@ -5,11 +5,13 @@
 
 mod chart;
 mod convergence;
+mod equal;
 mod fig10;
 mod fig9;
 mod figures;
 pub mod json;
 pub mod markdown;
+mod matched;
 mod paper;
 mod planning_time;
 mod site;
@@ -24,6 +26,7 @@ mod table4;
 mod table5;
 
 pub use chart::Drawing;
+pub use matched::{Grid, Matched, Rival, completeness_percent, match_completeness};
 pub use site::Site;
 pub use statistics::Spread;
 pub use study::Watch;
@@ -49,6 +52,8 @@ pub enum Part {
     Table3,
     Table4,
     Table5,
+    /// Flights of equal Completeness, as the paper's figures of merit want them.
+    Equal,
     Fig9,
     Fig10,
     Convergence,
@@ -58,12 +63,13 @@ pub enum Part {
 
 impl Part {
     /// All parts, in the order in which they are reported.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Table1,
         Self::Table2,
         Self::Table3,
         Self::Table4,
         Self::Table5,
+        Self::Equal,
         Self::Fig9,
         Self::Fig10,
         Self::Convergence,
@@ -78,6 +84,7 @@ impl Part {
             Self::Table3 => "table3",
             Self::Table4 => "table4",
             Self::Table5 => "table5",
+            Self::Equal => "equal",
             Self::Fig9 => "fig9",
             Self::Fig10 => "fig10",
             Self::Convergence => "convergence",
@@ -182,6 +189,7 @@ fn add(found: &mut Reproduction, part: Part, study: &mut Study) -> Result<(), Re
         Part::Table3 => found.tables.push(table3::table(study)?),
         Part::Table4 => found.tables.push(table4::table(study)?),
         Part::Table5 => found.tables.push(table5::table(study)?),
+        Part::Equal => found.tables.push(equal::table(study)?),
         Part::Fig9 => add_figure(found, fig9::figure(study)?),
         Part::Fig10 => add_figure(found, fig10::figure(study)?),
         Part::Convergence => add_figure(found, convergence::figure(study)?),

@@ -59,7 +59,7 @@ pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
 }
 
 /// A method that reconstructs less than this is left out of the common samples, percent of the surface: next to nothing would be left.
-const LEAST_COMMON_PERCENT: f64 = 25.0;
+pub const LEAST_COMMON_PERCENT: f64 = 25.0;
 
 /// The flights of all methods over a site, in the paper's order; all with room above for oblique photography.
 pub fn trials(study: &mut Study, table: &mut Table, site: Site) -> Result<Vec<(Trial, Arc<Flights>)>, ReproductionError> {

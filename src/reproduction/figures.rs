@@ -68,8 +68,8 @@ pub fn note_quality_of(table: &mut Table, settings: &Settings, images: &str) {
 /// Says why a flight above all buildings may see little.
 pub fn note_range(table: &mut Table, settings: &Settings) {
     table.note(format!(
-        "A view from farther away than `coverage.range_m` = {} m counts for nothing, in our coverage and in our Error and Completeness; OP flies \
-         above the tallest structure, and where that is a tower the streets are out of its range.",
+        "A view from farther away than {} m times the sight of its camera (`coverage.sight_scale`: 1 for the Phantom's 8.8 mm) counts for nothing, in \
+         our coverage and in our Error and Completeness; OP flies above the tallest structure.",
         settings.coverage.range_m
     ));
 }

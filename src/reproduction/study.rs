@@ -15,7 +15,7 @@ use crate::scene::Scene;
 use crate::scene::degrade::{Boundary, Degradation, LargestError, degrade};
 use crate::session::Session;
 use crate::settings::Settings;
-use crate::trajectory::plan::Plan;
+use crate::trajectory::plan::{Plan, sight_scale};
 
 /// What a run is told from outside: when to end, whom to tell of each step, and the time.
 pub struct Watch<'a> {
@@ -134,8 +134,13 @@ impl<'a> Study<'a> {
         (self.watch.now_s)()
     }
 
-    /// The trial of a site with the scene as its own proxy.
+    /// The trial of a site with the scene as its own proxy. Its settings are adapted to the sight of the cameras that are flown.
     pub fn trial(&self, site: Site, rig: &'static str, method: Method, settings: Settings) -> Trial {
+        let settings = match Rig::preset(rig) {
+            Ok(rig) => settings.clone().adapted_to(&planner::flown_rig(&PlanOptions::new(rig, method, 1), &settings)),
+            // The flights will say so.
+            Err(_) => settings,
+        };
         Trial { site, rig, method, settings, proxy: Proxy::EXACT }
     }
 
@@ -223,10 +228,12 @@ impl<'a> Study<'a> {
         Ok(qualities)
     }
 
-    /// What the images of one plan make of a truth; always by the settings of the benchmarks, so that figures can be compared.
+    /// What the images of one plan make of a truth; always by the settings of the benchmarks, so that figures can be
+    /// compared, for the sight of its cameras.
     pub fn assess(&self, truth: &Truth, plan: &Plan, which: Which) -> Result<Quality, ReproductionError> {
         let shots = quality::shots(plan, which);
-        quality::assess(truth, &shots, &self.settings, self.watch.stop).ok_or(ReproductionError::Stopped)
+        let settings = self.settings.clone().with_sight(sight_scale(&plan.cameras));
+        quality::assess(truth, &shots, &settings, self.watch.stop).ok_or(ReproductionError::Stopped)
     }
 
     fn known_scene(&self, site: Site) -> Result<Arc<Scene>, ReproductionError> {

@@ -21,7 +21,10 @@ mod tests {
     #[test]
     fn a_file_without_end_is_refused_and_one_of_the_largest_size_is_not() {
         let refused = read(Path::new("/dev/zero"), 1000).unwrap_err();
-        assert_eq!((refused.kind(), refused.to_string()), (io::ErrorKind::FileTooLarge, "it has more than 1000 bytes".to_owned()));
+        assert_eq!(
+            (refused.kind(), refused.to_string()),
+            (io::ErrorKind::FileTooLarge, "it has more than 1000 bytes".to_owned())
+        );
         assert_eq!(read(Path::new("/dev/null"), 0).unwrap(), Vec::<u8>::new());
         let itself = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");
         let size = std::fs::metadata(&itself).unwrap().len();

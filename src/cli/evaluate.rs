@@ -39,12 +39,11 @@ pub fn run(arguments: &EvaluateArgs, form: Form) -> Result<Answer, Failure> {
             cause,
         })?,
     };
-    let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
-
     let stop = StopToken::default();
     let stopper = stop.clone();
     let interrupts =
         Interrupts::announced(form, "stopping: nothing is written; Ctrl-C again ends at once", move || stopper.stop());
+    let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let meter = Meter::new(form);
     let mut assessed = assess(&given, &truth_file, arguments.images.which(), &settings, &stop, meter)?;
     drop(interrupts);

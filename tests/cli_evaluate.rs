@@ -146,7 +146,7 @@ fn a_truth_without_end_is_refused() {
 fn an_interrupted_evaluation_writes_nothing() {
     let place = planned();
     let mut child = place
-        .command(&["evaluate", "out/plan.json", "--samples", "5000000", "--out", "quality", "--json"])
+        .command(&["evaluate", "out/plan.json", "--samples", "1000000", "--out", "quality", "--json"])
         .stdout(std::process::Stdio::piped())
         .spawn()
         .unwrap();

@@ -81,8 +81,8 @@ fn low_ceiling(plan: &Plan, heights: Option<&Heights>) -> Option<String> {
 fn empty_battery(plan: &Plan) -> Option<String> {
     let percent = plan.metrics.battery_percent.filter(|percent| *percent > 100.0)?;
     Some(format!(
-        "note: the flight draws {percent:.0} % of a full battery of the rig {:?}, so it needs {:.0} of them and landings in between; fewer \
-         `--iterations` or a lower `coverage.goal_percent` give a shorter one",
+        "note: the flight draws {percent:.0} % of a full battery of the rig {:?}, so it needs {:.0} of them, with landings in \
+         between",
         plan.rig,
         (percent / 100.0).ceil()
     ))

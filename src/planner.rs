@@ -2,17 +2,17 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::baseline::{self, BaselineError, Flown};
+use crate::baseline::{self, BaselineError};
 use crate::camera::{Cameras, Pose, Rig, pitch_rad};
 use crate::field::Snapshot;
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
-use crate::search::{Iteration, Problem, SearchError, StopReason, search};
+use crate::search::{Problem, SearchError, search};
 use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, Waypoint};
 use crate::trajectory::profile::Profile;
-use crate::trajectory::route::Route;
+use crate::trajectory::route::{Found, Route};
 use crate::trajectory::safety::{self, UnsafeCurve};
 use crate::trajectory::{images, select};
 
@@ -91,15 +91,6 @@ impl Method {
     }
 }
 
-/// What a planning method found: always its best, never an error because it was stopped.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Found {
-    pub route: Route,
-    /// The best path after each iteration; empty for methods that do not iterate.
-    pub convergence: Vec<Iteration>,
-    pub stop: StopReason,
-}
-
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
@@ -162,9 +153,9 @@ pub fn plan(
     }
     let Found { route, convergence, stop: reason } = match options.method {
         Method::Paper => tree_search(snapshot, settings, &problem, options, stop, on_progress)?,
-        Method::Oblique => flown(baseline::oblique::fly(&problem, &settings.baseline, stop, on_progress))?,
-        Method::Smith => flown(baseline::smith::fly(&problem, &settings.baseline, options.seed, stop, on_progress))?,
-        Method::Zhou => flown(baseline::zhou::fly(&problem, &settings.baseline, options.seed, stop, on_progress))?,
+        Method::Oblique => baseline::oblique::fly(&problem, &settings.baseline, stop, on_progress)?,
+        Method::Smith => baseline::smith::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
+        Method::Zhou => baseline::zhou::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
     };
 
     let profile = Profile::new(&route.waypoints, rig, &settings.flight, &settings.dynamics);
@@ -197,12 +188,9 @@ pub fn plan(
     })
 }
 
-/// Baselines do not iterate over whole paths.
-fn flown(flown: Result<Flown, BaselineError>) -> Result<Found, PlanError> {
-    match flown {
-        Ok(Flown { route, stop }) => Ok(Found { route, convergence: Vec::new(), stop }),
-        Err(BaselineError::Abandoned) => Err(PlanError::Abandoned),
-        Err(error) => Err(PlanError::Baseline(error)),
+impl From<BaselineError> for PlanError {
+    fn from(error: BaselineError) -> Self {
+        if error == BaselineError::Abandoned { PlanError::Abandoned } else { PlanError::Baseline(error) }
     }
 }
 

@@ -132,3 +132,33 @@ fn inputs_that_do_not_fit_are_refused_with_the_remedy() {
     assert!(!place.path("nothing").exists(), "what failed leaves nothing");
     place.fails(2, "usage", &["evaluate", "alone/plan.json", "--truth", "gone.geojson", "--samples", "0"]);
 }
+
+/// What never ends is refused before it has filled the memory.
+#[test]
+fn a_truth_without_end_is_refused() {
+    let place = planned();
+    let output = place.run(&["evaluate", "out/plan.json", "--truth", "/dev/zero"]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(stderr(&output).contains("/dev/zero") && stderr(&output).contains("bytes"), "{}", stderr(&output));
+}
+
+#[test]
+fn an_interrupted_evaluation_writes_nothing() {
+    let place = planned();
+    let mut child = place
+        .command(&["evaluate", "out/plan.json", "--samples", "1000000", "--out", "quality", "--json"])
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The folder is made once a signal can be caught.
+    let folder = place.path("quality");
+    while !folder.exists() && child.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(answer["error"]["kind"], "interrupted");
+    assert!(!folder.join("quality.json").exists());
+}

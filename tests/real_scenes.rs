@@ -3,7 +3,9 @@
 mod support;
 
 use nalgebra::Point3;
+use overfly::camera::Rig;
 use overfly::coverage::{DiskModel, SampleFrame};
+use overfly::planner::{Method, PlanOptions, flown_rig};
 use overfly::planner::{StopToken, plan};
 use overfly::session::Snapshot;
 use overfly::settings::Settings;
@@ -11,7 +13,7 @@ use overfly::trajectory::plan::Plan;
 use parry3d::math::Vector;
 use parry3d::query::PointQuery;
 use parry3d::shape::Triangle;
-use support::{crosses, options, real_scene, session, snapshot};
+use support::{crosses, options, real_scene, rig_options, session, snapshot};
 
 fn check_town(file: &str) {
     let Some(path) = real_scene(file) else { return };
@@ -105,4 +107,81 @@ fn real_scene_marunouchi() {
 #[test]
 fn real_scene_delft_campus() {
     check_town("delft-campus/3dbag_5910_lod22.city.json");
+}
+
+/// A flight of another rig or method over a real town: safe, the same twice, and not far below what it captured when this was written.
+fn check_flight(file: &str, options: &PlanOptions, least_percent: f64) -> Option<Plan> {
+    let path = real_scene(file)?;
+    let settings = Settings::default();
+    let settings = settings.clone().adapted_to(&flown_rig(options, &settings));
+    let bytes = std::fs::read(&path).expect("the scene can be read");
+    let (scene, _) = overfly::scene::read(&path.to_string_lossy(), &bytes, &settings.proxy).expect("a real town can be imported");
+    let snapshot = snapshot(&session(scene, &settings));
+    let fly = || plan(&snapshot, &settings, options, &StopToken::default(), &mut |_| {}).expect("a real town can be flown");
+    let plan = fly();
+    println!(
+        "{file}, {} by {}: ceiling {:.1} %, captured {:.1} % of the capturable, {:.0} m, {} images",
+        plan.method,
+        plan.rig,
+        plan.metrics.capturable_percent,
+        plan.metrics.coverage_percent,
+        plan.metrics.length_m,
+        plan.images.len()
+    );
+    assert!(plan.metrics.coverage_percent >= least_percent, "{} %", plan.metrics.coverage_percent);
+    assert_eq!(plan.images.len() % options.rig.camera_count(), 0);
+    check_views(&snapshot, &flown_rig(options, &settings), &plan);
+    check_distances(&snapshot, &settings, &plan);
+    assert_eq!(fly(), plan, "the same flight again");
+    Some(plan)
+}
+
+/// Every image lies on the path, looks where the rig can look, and comes after the one before.
+fn check_views(snapshot: &Snapshot, rig: &Rig, plan: &Plan) {
+    let ends = || plan.waypoints.windows(2).map(|leg| (leg[0].position_m, leg[1].position_m));
+    for image in &plan.images {
+        let direction = image.direction.expect("these cameras look somewhere");
+        assert!(!rig.has_gimbal() || rig.reaches(&direction), "{direction:?}");
+        let off_m = |(a, b): (Point3<f64>, Point3<f64>)| {
+            let along = ((image.position_m - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+            (image.position_m - (a + (b - a) * along)).norm()
+        };
+        assert!(ends().map(off_m).fold(f64::INFINITY, f64::min) < 1e-6, "{} is not on the path", image.position_m);
+        assert!(snapshot.free.obstruction_at(&image.position_m).is_none());
+    }
+    assert!(plan.images.windows(2).all(|pair| pair[0].time_s <= pair[1].time_s));
+}
+
+#[test]
+fn real_scene_delfshaven_by_a_camera_on_a_gimbal() {
+    check_flight("delfshaven/delfshaven.city.json", &rig_options("phantom4-rtk", 1, 150), 25.0);
+}
+
+#[test]
+fn real_scene_delfshaven_by_five_bolted_cameras() {
+    let plan = check_flight("delfshaven/delfshaven.city.json", &rig_options("m300-oblique", 1, 150), 20.0);
+    assert!(plan.is_none_or(|plan| plan.images.iter().any(|image| image.camera == 4)));
+}
+
+#[test]
+fn real_scene_nihonbashi_by_a_camera_on_a_gimbal() {
+    check_flight("nihonbashi/buildings.geojson", &rig_options("phantom4-rtk", 1, 150), 12.0);
+}
+
+#[test]
+fn real_scene_delfshaven_by_oblique_photography() {
+    let of = |rig| PlanOptions { method: Method::Oblique, ..rig_options(rig, 1, 1) };
+    check_flight("delfshaven/delfshaven.city.json", &of("phantom4-rtk"), 20.0);
+    check_flight("delfshaven/delfshaven.city.json", &of("m300-oblique"), 40.0);
+}
+
+#[test]
+fn real_scene_powerplant_after_zhou() {
+    let zhou = PlanOptions { method: Method::Zhou, ..rig_options("phantom4-rtk", 1, 1) };
+    check_flight("powerplant/powerplant.obj", &zhou, 60.0);
+}
+
+#[test]
+fn real_scene_powerplant_by_five_bolted_cameras() {
+    check_flight("powerplant/powerplant.obj", &rig_options("m300-oblique", 1, 150), 25.0);
 }

@@ -6,9 +6,10 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::Reporter;
+use super::costs::{Costs, NO_WAY_MM};
 use super::router::{Router, length_m};
 use super::shots::within_reach;
-use super::tour::{Costs, NO_WAY_MM, nearest_neighbour, shorten};
+use super::tour::{nearest_neighbour, shorten};
 use crate::camera::Pose;
 use crate::search::Problem;
 use crate::search::leg::slerp;

@@ -12,6 +12,8 @@
 //! The tour methods take images at their views alone. Consecutive images must be as far apart as the shutter needs at cruise speed, so their
 //! views keep that distance from each other. The drone does not stop at a view: a favour to these methods.
 
+mod assembly;
+pub mod costs;
 mod flight;
 pub mod oblique;
 pub mod pairs;
@@ -26,15 +28,7 @@ pub mod zhou;
 use crate::camera::{Cameras, Pose};
 use crate::search::{Problem, Progress, StopReason};
 use crate::stop::StopToken;
-use crate::trajectory::route::Route;
-
-/// What a baseline found.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Flown {
-    pub route: Route,
-    /// [`StopReason::Complete`], or [`StopReason::Cancelled`] when it was told to stop.
-    pub stop: StopReason,
-}
+use crate::trajectory::route::{Found, Route};
 
 /// Why a baseline has no flight.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -111,11 +105,12 @@ impl<'a> Reporter<'a> {
     }
 }
 
-/// How a method ended.
-fn ended(stop: &StopToken) -> Result<StopReason, BaselineError> {
-    match (stop.is_abandoned(), stop.is_stopped()) {
-        (true, _) => Err(BaselineError::Abandoned),
-        (_, true) => Ok(StopReason::Cancelled),
-        _ => Ok(StopReason::Complete),
-    }
+/// What a method ends with.
+fn found(route: Route, stop: &StopToken) -> Result<Found, BaselineError> {
+    let reason = match (stop.is_abandoned(), stop.is_stopped()) {
+        (true, _) => return Err(BaselineError::Abandoned),
+        (_, true) => StopReason::Cancelled,
+        _ => StopReason::Complete,
+    };
+    Ok(Found { route, convergence: Vec::new(), stop: reason })
 }

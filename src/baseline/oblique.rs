@@ -8,15 +8,14 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use super::router::Router;
+use super::assembly::Assembly;
 use super::shots::within_reach;
-use super::{BaselineError, Flown, Reporter, ended};
-use crate::camera::{Cameras, Intrinsics, Pose, Rig, direction_of, pitch_rad};
-use crate::search::leg::heading;
+use super::{BaselineError, Reporter, found};
+use crate::camera::{Cameras, Intrinsics, Rig, direction_of, pitch_rad};
 use crate::search::{Problem, Progress};
 use crate::settings::BaselineSettings;
 use crate::stop::StopToken;
-use crate::trajectory::route::{Exposure, Route};
+use crate::trajectory::route::Found;
 
 /// The camera that stands for a rig that sees in all directions.
 const STAND_IN: Intrinsics = Intrinsics { focal_mm: 8.8, sensor_mm: [13.2, 8.8], pixels: [5472, 3648] };
@@ -30,9 +29,6 @@ const FLATTEST_DEG: f64 = 10.0;
 /// Room above the safety distance, and the least height, where the height is chosen, m: the paper flew at 50 and 70 m.
 const HEADROOM_M: f64 = 5.0;
 const LEAST_HEIGHT_M: f64 = 50.0;
-
-/// Nodes for ways round no-fly zones stand so far apart, m.
-const DETOUR_GRID_M: f64 = 12.0;
 
 const MOST_IMAGES: usize = 200_000;
 
@@ -80,7 +76,7 @@ pub fn fly(
     settings: &BaselineSettings,
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
-) -> Result<Flown, BaselineError> {
+) -> Result<Found, BaselineError> {
     let mut report = Reporter::new(on_progress);
     report.tell(0);
     let height_m = height_m(problem, settings)?;
@@ -99,25 +95,25 @@ pub fn fly(
     let mut assembly = Assembly::new(problem, height_m);
     for (number, (pass, spacings_m)) in planned.iter().enumerate() {
         let mut lines = serpentine(&pass.area, axis, pass.footprint_m[1], *spacings_m, problem.image_spacing_m, height_m);
-        turn_towards(&mut lines, assembly.path.last().map(|pose| pose.position));
+        turn_towards(&mut lines, assembly.route.waypoints.last().map(|pose| pose.position));
         for line in lines {
             // Even a stopped flight has a line.
-            if stop.is_stopped() && !assembly.exposures.is_empty() {
+            if stop.is_stopped() && !assembly.route.exposures.is_empty() {
                 break;
             }
             assembly.fly_line(&line, pass.look);
         }
-        report.last.length_m = problem.objective.travel(&assembly.path).length_m;
+        report.last.length_m = problem.objective.travel(&assembly.route.waypoints).length_m;
         report.tell_views(
             20 * (number as u32 + 1) * 5 / planned.len() as u32,
             problem,
-            assembly.exposures.iter().map(|e| &e.pose),
+            assembly.route.exposures.iter().map(|e| &e.pose),
         );
     }
-    if assembly.exposures.is_empty() {
+    if assembly.route.exposures.is_empty() {
         return Err(BaselineError::NoView { method: "op" });
     }
-    Ok(Flown { route: Route { waypoints: assembly.path, exposures: assembly.exposures }, stop: ended(stop)? })
+    found(assembly.route, stop)
 }
 
 /// The height that the settings give, or the lowest one with some room above the tallest structure, m above the ground.
@@ -258,103 +254,6 @@ fn check_number(problem: &Problem, planned: &[(Pass, [f64; 2])], axis: usize) ->
     };
     let images = planned.iter().map(number).sum::<f64>() * problem.rig.camera_count() as f64;
     if images > MOST_IMAGES as f64 { Err(BaselineError::TooManyImages { images, most: MOST_IMAGES }) } else { Ok(()) }
-}
-
-/// The route while lines are added to it.
-struct Assembly<'p, 'a> {
-    problem: &'p Problem<'a>,
-    height_m: f64,
-    path: Vec<Pose>,
-    exposures: Vec<Exposure>,
-    /// Made when the first leg is not safe.
-    router: Option<Router<'p>>,
-}
-
-impl<'p, 'a> Assembly<'p, 'a> {
-    fn new(problem: &'p Problem<'a>, height_m: f64) -> Self {
-        Self { problem, height_m, path: Vec::new(), exposures: Vec::new(), router: None }
-    }
-
-    /// Adds the parts of a line that can be flown; what lies in a no-fly zone is flown round.
-    fn fly_line(&mut self, line: &[Point3<f64>], look: Option<Unit<Vector3<f64>>>) {
-        let free = self.problem.free;
-        let safe: Vec<Point3<f64>> = line.iter().copied().filter(|p| free.is_safe(p)).collect();
-        for run in safe.chunk_by(|a, b| free.is_leg_safe(a, b)) {
-            let (first, last) = (run[0], run[run.len() - 1]);
-            if !self.go_to(&first, look) {
-                continue;
-            }
-            if run.len() > 1 && !free.is_leg_safe(&first, &last) {
-                self.expose(run[0], look);
-                for &position in &run[1..] {
-                    self.corner(&position, look);
-                    self.expose(position, look);
-                }
-                continue;
-            }
-            if run.len() > 1 {
-                self.corner(&last, look);
-            }
-            run.iter().for_each(|&position| self.expose(position, look));
-        }
-    }
-
-    /// Flies to a position by a safe way; `false` when there is none.
-    fn go_to(&mut self, to: &Point3<f64>, look: Option<Unit<Vector3<f64>>>) -> bool {
-        let Some(from) = self.path.last().map(|pose| pose.position) else {
-            self.corner(to, look);
-            return true;
-        };
-        if from == *to {
-            return true;
-        }
-        let Some(corners) = self.way(&from, to) else { return false };
-        for corner in corners.iter().chain([to]) {
-            self.corner(corner, look);
-        }
-        true
-    }
-
-    fn way(&mut self, from: &Point3<f64>, to: &Point3<f64>) -> Option<Vec<Point3<f64>>> {
-        let free = self.problem.free;
-        if free.is_leg_safe(from, to) {
-            return Some(Vec::new());
-        }
-        let height_m = self.height_m;
-        let router = self.router.get_or_insert_with(|| {
-            let steps =
-                |low: f64, high: f64| (0..=((high - low) / DETOUR_GRID_M) as usize).map(move |k| low + k as f64 * DETOUR_GRID_M);
-            let limits = &free.limits;
-            let plane = steps(limits.min.x, limits.max.x).flat_map(|x| steps(limits.min.y, limits.max.y).map(move |y| (x, y)));
-            let nodes = plane.map(|(x, y)| Point3::new(x, y, height_m)).filter(|p| free.is_safe(p)).collect();
-            Router::new(free, nodes, 2.3 * DETOUR_GRID_M)
-        });
-        router.detour(from, to)
-    }
-
-    fn corner(&mut self, position: &Point3<f64>, look: Option<Unit<Vector3<f64>>>) {
-        let before = self.path.last().map(|pose| pose.position);
-        let direction = match self.problem.rig.cameras {
-            Cameras::Rigid(_) => Some(before.map_or(Vector3::x_axis(), |before| heading(&before, position))),
-            _ => look,
-        };
-        self.path.push(Pose { position: *position, direction });
-        // Bolted cameras look along the first leg at its start too.
-        if let ([first, second], Cameras::Rigid(_)) = (&mut self.path[..], &self.problem.rig.cameras) {
-            first.direction = second.direction;
-        }
-    }
-
-    /// An image on the last leg, or where the route begins.
-    fn expose(&mut self, position: Point3<f64>, look: Option<Unit<Vector3<f64>>>) {
-        let leg = self.path.len().saturating_sub(2);
-        let flown_m = (position - self.path[leg].position).norm();
-        let direction = match self.problem.rig.cameras {
-            Cameras::Rigid(_) => self.path[self.path.len() - 1].direction,
-            _ => look,
-        };
-        self.exposures.push(Exposure { leg, flown_m, pose: Pose { position, direction } });
-    }
 }
 
 #[cfg(test)]

@@ -1,14 +1,9 @@
-//! How well two views together let a surface point be triangulated (Smith et al. 2018).
-//!
-//! With alpha the parallax of the views at the point, d their distances, phi their angles from the normal and d_max the range:
-//! w1 = 1/(1+exp(-32(alpha-pi/16))), w2 = 1-min(max(d1,d2)/d_max,1), w3 = 1-1/(1+exp(-8(alpha-pi/4))),
-//! q = w1 w2 w3 min(cos phi1, cos phi2). The reconstructability of a point is the sum of q over all pairs of views that see it.
-
-use std::f64::consts::PI;
+//! How well two views together let a surface point be triangulated: the quality of [`Smith`], in whole units.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::coverage::SampleFrame;
+use crate::quality::Smith;
 
 /// Quality of pairs in whole units, so that sums depend on no order.
 pub type Quality = u64;
@@ -35,50 +30,34 @@ impl Ray {
     }
 }
 
-/// The formula with its part that depends on the parallax alone tabulated.
+/// Smith's formula in whole units.
 #[derive(Debug)]
-pub struct PairModel {
-    /// w1 w3 by the length of the chord between the two directions, in even steps from 0 to 2.
-    by_chord: Vec<f64>,
-    range_m: f64,
-}
-
-const STEPS: usize = 4096;
+pub struct PairModel(Smith);
 
 impl PairModel {
     /// `range_m` is d_max.
     pub fn new(range_m: f64) -> Self {
-        let parallax_rad = |step: usize| 2.0 * libm::asin(step as f64 / STEPS as f64);
-        Self { by_chord: (0..=STEPS).map(|step| parallax_weight(parallax_rad(step))).chain([0.0]).collect(), range_m }
+        Self(Smith::new(range_m))
     }
 
     /// q of the two views whose lines these are.
     pub fn quality(&self, a: &Ray, b: &Ray) -> Quality {
-        let distance_weight = 1.0 - (a.distance_m.max(b.distance_m) / self.range_m).min(1.0);
-        let place = (a.direction - b.direction).norm() * (STEPS as f64 / 2.0);
-        let step = (place as usize).min(STEPS);
-        let parallax_weight =
-            self.by_chord[step] + (self.by_chord[step + 1] - self.by_chord[step]) * (place - step as f64).min(1.0);
-        (parallax_weight * distance_weight * a.cosine.min(b.cosine) * UNIT as f64).round() as Quality
+        let parallax = self.0.parallax((a.direction - b.direction).norm());
+        let nearness = self.0.nearness(a.distance_m.max(b.distance_m));
+        (parallax * nearness * a.cosine.min(b.cosine) * UNIT as f64).round() as Quality
     }
 
     /// What a first view of a sample is worth where a choice has to begin: half of the best pair that it can be part of, as the first
     /// of k views has k - 1 pairs to come.
     pub fn promise(&self, ray: &Ray) -> Quality {
-        let distance_weight = 1.0 - (ray.distance_m / self.range_m).min(1.0);
-        (0.5 * distance_weight * ray.cosine * UNIT as f64).round() as Quality
+        (0.5 * self.0.nearness(ray.distance_m) * ray.cosine * UNIT as f64).round() as Quality
     }
-}
-
-/// w1 w3.
-fn parallax_weight(parallax_rad: f64) -> f64 {
-    let wide_enough = 1.0 / (1.0 + libm::exp(-32.0 * (parallax_rad - PI / 16.0)));
-    let still_alike = 1.0 - 1.0 / (1.0 + libm::exp(-8.0 * (parallax_rad - PI / 4.0)));
-    wide_enough * still_alike
 }
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
     use super::*;
 
     /// Views in the plane of the normal, at angles from it.

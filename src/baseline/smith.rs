@@ -9,11 +9,12 @@ use rayon::prelude::*;
 use super::pairs::{PairModel, Quality, UNIT};
 use super::shots::{Sight, aimed, framed_indices, sights_at};
 use super::tally::Tally;
-use super::{BaselineError, Flown, Reporter, check_rig, ended, flight, proximity};
+use super::{BaselineError, Reporter, check_rig, flight, found, proximity};
 use crate::camera::Pose;
 use crate::search::{Problem, Progress};
 use crate::settings::BaselineSettings;
 use crate::stop::StopToken;
+use crate::trajectory::route::Found;
 
 const NAME: &str = "smith";
 
@@ -48,7 +49,7 @@ pub fn fly(
     seed: u64,
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
-) -> Result<Flown, BaselineError> {
+) -> Result<Found, BaselineError> {
     check_rig(problem, NAME)?;
     let mut report = Reporter::new(on_progress);
     report.tell(0);
@@ -73,7 +74,7 @@ pub fn fly(
         return Err(BaselineError::NoView { method: NAME });
     }
     let route = flight::through(problem, &views, settings, seed, stop, &mut report);
-    Ok(Flown { route, stop: ended(stop)? })
+    found(route, stop)
 }
 
 /// A share of a value, percent.

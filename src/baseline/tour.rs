@@ -4,86 +4,19 @@
 //! stretches change places) and local search around it, undone when the path became longer (Lourenço, Martin, Stützle 2003). The open
 //! path is a closed tour through one more place that is as near as nothing to all others.
 
-use nalgebra::Point3;
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 
-use super::proximity;
+use super::costs::Costs;
 use crate::stop::StopToken;
-
-/// What flying between places costs, mm: known for near pairs, estimated for others.
-#[derive(Clone, Debug)]
-pub struct Costs {
-    places: Vec<Point3<f64>>,
-    /// Known costs, by place, in ascending order of the other place.
-    known: Vec<Vec<(u32, u64)>>,
-    /// Near places by distance.
-    near: Vec<Vec<u32>>,
-}
-
-/// No way at all, mm: more than any path is long, and few enough to be added up.
-pub const NO_WAY_MM: u64 = 1 << 40;
-
-/// Neighbours that moves look at.
-const NEIGHBOURS: usize = 12;
 
 /// Longest stretch of Or-opt, and of a kick.
 const STRETCH: usize = 3;
 const KICKED: usize = 30;
 
-impl Costs {
-    pub fn new(places: Vec<Point3<f64>>) -> Self {
-        let near = |p: &Point3<f64>| proximity::nearest(&places, p, NEIGHBOURS + 1);
-        let near = places.iter().enumerate().map(|(a, p)| near(p).into_iter().filter(|&b| b as usize != a).collect()).collect();
-        Self { known: vec![Vec::new(); places.len()], near, places }
-    }
-
-    /// Near places of each place, nearest first.
-    pub fn near(&self, a: u32) -> &[u32] {
-        &self.near[a as usize]
-    }
-
-    /// States what a pair costs.
-    pub fn set(&mut self, a: u32, b: u32, cost_mm: u64) {
-        for (a, b) in [(a, b), (b, a)] {
-            let row = &mut self.known[a as usize];
-            match row.binary_search_by_key(&b, |entry| entry.0) {
-                Ok(place) => row[place].1 = cost_mm,
-                Err(place) => row.insert(place, (b, cost_mm)),
-            }
-        }
-    }
-
-    /// What is known of a pair.
-    pub fn known_mm(&self, a: u32, b: u32) -> Option<u64> {
-        let row = &self.known[a as usize];
-        row.binary_search_by_key(&b, |entry| entry.0).ok().map(|place| row[place].1)
-    }
-
-    /// Straight distance, mm.
-    pub fn straight_mm(&self, a: u32, b: u32) -> u64 {
-        ((self.places[a as usize] - self.places[b as usize]).norm() * 1000.0).round() as u64
-    }
-
-    /// Cost of a pair; a pair of which nothing is known is taken to need some way round.
-    pub fn cost_mm(&self, a: u32, b: u32) -> u64 {
-        self.known_mm(a, b).unwrap_or_else(|| self.detour_mm(a, b))
-    }
-
-    /// What a detour may cost: an estimate from below in most streets.
-    pub fn detour_mm(&self, a: u32, b: u32) -> u64 {
-        self.straight_mm(a, b) * 6 / 5 + 10_000
-    }
-
-    /// Cost of a path.
-    pub fn length_mm(&self, order: &[u32]) -> u64 {
-        order.windows(2).map(|leg| self.cost_mm(leg[0], leg[1])).sum()
-    }
-}
-
 /// A path to begin with: always on to the nearest place that was not visited yet.
 pub fn nearest_neighbour(costs: &Costs) -> Vec<u32> {
-    let places = costs.places.len() as u32;
+    let places = costs.count();
     let mut left: Vec<u32> = (1..places).collect();
     let mut order: Vec<u32> = (0..places.min(1)).collect();
     while let Some(place) = (0..left.len()).min_by_key(|&place| costs.cost_mm(order[order.len() - 1], left[place])) {
@@ -319,6 +252,7 @@ impl<'a> Tour<'a> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
     use proptest::prelude::*;
 
     use super::*;

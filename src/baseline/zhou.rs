@@ -13,11 +13,12 @@ use rayon::prelude::*;
 use super::pairs::{PairModel, Quality, UNIT};
 use super::shots::{Shot, Sight, aimed, framed, sights_at, within_reach};
 use super::tally::Tally;
-use super::{BaselineError, Flown, Reporter, check_rig, ended, flight, proximity};
+use super::{BaselineError, Reporter, check_rig, flight, found, proximity};
 use crate::camera::{Pose, direction_of, pitch_rad};
 use crate::search::{Problem, Progress};
 use crate::settings::BaselineSettings;
 use crate::stop::StopToken;
+use crate::trajectory::route::Found;
 
 const NAME: &str = "zhou";
 
@@ -51,7 +52,7 @@ pub fn fly(
     seed: u64,
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
-) -> Result<Flown, BaselineError> {
+) -> Result<Found, BaselineError> {
     check_rig(problem, NAME)?;
     let mut report = Reporter::new(on_progress);
     report.tell(0);
@@ -79,7 +80,7 @@ pub fn fly(
         return Err(BaselineError::NoView { method: NAME });
     }
     let route = flight::through(problem, &views, settings, seed, stop, &mut report);
-    Ok(Flown { route, stop: ended(stop)? })
+    found(route, stop)
 }
 
 /// The view of a sample: on its normal, as many times the safety distance away as the range is times that; nearer, or from the nearest

@@ -1,7 +1,6 @@
 //! `overfly evaluate`: the predicted quality of a plan on the scene that it was made for, or on any other.
 
-use std::fs::{self, File};
-use std::io::Read;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -9,12 +8,14 @@ use serde_json::{Value, json};
 use super::answer::{self, Answer, Form};
 use super::arguments::{EvaluateArgs, ImageChoice};
 use super::failure::Failure;
+use super::interrupt::Interrupts;
 use super::outputs::Folder;
 use super::progress::Meter;
-use super::{in_process, settings_file};
+use super::{bounded_file, in_process, settings_file};
 use crate::mission::quality_json::{self, Report};
 use crate::mission::{plan_read, svg};
 use crate::quality::{self, COMPLETENESS_M, Flown, Quality, Summary, Truth, Which};
+use crate::session::FieldError;
 use crate::settings::Settings;
 use crate::stop::StopToken;
 use crate::trajectory::plan::{Plan, sight_scale};
@@ -25,7 +26,7 @@ const MOST_BYTES: u64 = 512_000_000;
 pub fn run(arguments: &EvaluateArgs, form: Form) -> Result<Answer, Failure> {
     let mut settings = settings_file::settings(arguments.config.as_ref(), None)?;
     settings.quality.samples = arguments.samples.unwrap_or(settings.quality.samples);
-    let given = plan_read::read(&arguments.plan.to_string_lossy(), &read_bounded(&arguments.plan)?)?;
+    let given = plan_read::read(&arguments.plan.to_string_lossy(), &read_plan_or_run(&arguments.plan)?)?;
     let settings = settings.with_sight(sight_scale(&given.cameras));
     settings.check()?;
     let run_file = run_file(&arguments.plan);
@@ -38,10 +39,14 @@ pub fn run(arguments: &EvaluateArgs, form: Form) -> Result<Answer, Failure> {
             cause,
         })?,
     };
+    let stop = StopToken::default();
+    let stopper = stop.clone();
+    let interrupts =
+        Interrupts::announced(form, "stopping: nothing is written; Ctrl-C again ends at once", move || stopper.stop());
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
-
     let meter = Meter::new(form);
-    let mut assessed = assess(&given, &truth_file, arguments.images.which(), &settings, meter)?;
+    let mut assessed = assess(&given, &truth_file, arguments.images.which(), &settings, &stop, meter)?;
+    drop(interrupts);
     if let Ok(run) = &run
         && arguments.config.is_none()
         && run["settings"].as_object().is_some_and(|differing| !differing.is_empty())
@@ -75,23 +80,33 @@ struct Assessed {
     notes: Vec<String>,
 }
 
-fn assess(given: &Plan, truth_file: &Path, which: Which, settings: &Settings, mut meter: Meter) -> Result<Assessed, Failure> {
-    let stop = StopToken::default();
+fn assess(
+    given: &Plan,
+    truth_file: &Path,
+    which: Which,
+    settings: &Settings,
+    stop: &StopToken,
+    mut meter: Meter,
+) -> Result<Assessed, Failure> {
     meter.keep_moving();
     meter.stage("reading the scene");
     let (scene, _) = in_process::read_scene(truth_file, settings)?;
     let plan = quality::carried(given, &scene)?;
     quality::check_reach(&plan, &scene, settings.coverage.range_m)?;
     meter.stage("sampling the surface");
-    let truth = Truth::new(scene, settings, &stop)?;
+    let truth = Truth::new(scene, settings, stop).map_err(interrupted)?;
     let shots = quality::shots(&plan, which);
     meter.stage(&format!("casting the rays of {} images to {} samples", shots.len(), truth.samples().len()));
-    let quality = quality::assess(&truth, &shots, settings, &stop).ok_or(Failure::Interrupted)?;
+    let quality = quality::assess(&truth, &shots, settings, stop).ok_or(Failure::Interrupted)?;
     meter.stage("following the path");
     let curve: Vec<_> = plan.waypoints.iter().map(|waypoint| waypoint.position_m).collect();
     let flown = quality::flown(&truth, &curve, settings.flight.safety_distance_m);
     let notes = notes(given, &truth, &flown, settings);
     Ok(Assessed { summary: quality.summary(), plan, truth, quality, flown, notes })
+}
+
+fn interrupted(error: FieldError) -> Failure {
+    if error == FieldError::Stopped { Failure::Interrupted } else { Failure::Field(error) }
 }
 
 /// What a reader of the figures has to know.
@@ -120,17 +135,9 @@ fn notes(given: &Plan, truth: &Truth, flown: &Flown, settings: &Settings) -> Vec
     notes
 }
 
-fn read_bounded(path: &Path) -> Result<Vec<u8>, Failure> {
+fn read_plan_or_run(path: &Path) -> Result<Vec<u8>, Failure> {
     let remedy = "give the plan.json that `overfly plan --out DIR` has written";
-    let failure = |cause| Failure::Read { path: path.to_owned(), cause, remedy };
-    let mut bytes = Vec::new();
-    File::open(path).and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes)).map_err(failure)?;
-    if bytes.len() as u64 > MOST_BYTES {
-        let cause =
-            std::io::Error::new(std::io::ErrorKind::FileTooLarge, format!("it is larger than {} MB", MOST_BYTES / 1_000_000));
-        return Err(failure(cause));
-    }
-    Ok(bytes)
+    bounded_file::read(path, MOST_BYTES).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })
 }
 
 /// The `run.json` that stands beside a plan.
@@ -143,7 +150,7 @@ fn run_file(plan_file: &Path) -> PathBuf {
 
 /// Its content, or why there is none that belongs to the plan.
 fn read_run(run_file: &Path, plan: &Plan) -> Result<Value, String> {
-    let text = read_bounded(run_file).map_err(|failure| match failure {
+    let text = read_plan_or_run(run_file).map_err(|failure| match failure {
         Failure::Read { cause, .. } => cause.to_string(),
         other => other.to_string(),
     })?;

@@ -73,7 +73,7 @@ pub enum Failure {
     Serve(#[from] DaemonError),
     #[error("cannot print the result on standard output: {0}; free some space there or send it elsewhere")]
     Print(io::Error),
-    #[error("interrupted before there was a plan; nothing was written")]
+    #[error("interrupted before there was a result; nothing was written")]
     Interrupted,
     #[error("{0}")]
     Unexpected(String),

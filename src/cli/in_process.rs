@@ -8,6 +8,7 @@ use nalgebra::Point3;
 use overfly_wire::message::plain_scene_name;
 
 use super::arguments::OrderArgs;
+use super::bounded_file;
 use super::failure::Failure;
 use super::progress::Meter;
 use crate::camera::{Rig, direction_of};
@@ -16,6 +17,9 @@ use crate::scene::{self, ImportReport, Scene};
 use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, RunTimes};
+
+/// A larger scene is a mistake: that of a whole city has a tenth of it.
+const MOST_SCENE_BYTES: u64 = 1_000_000_000;
 
 /// What planning a file gives.
 pub struct Planned {
@@ -38,7 +42,7 @@ pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportRepo
 /// The bytes of a scene file.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
     let remedy = "give a GeoJSON, CityJSON or OBJ file that you may read";
-    std::fs::read(path).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })
+    bounded_file::read(path, MOST_SCENE_BYTES).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })
 }
 
 /// Plans a flight over a scene file.

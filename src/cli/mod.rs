@@ -3,6 +3,7 @@
 mod answer;
 mod arguments;
 mod bench;
+mod bounded_file;
 mod daemon;
 mod degrade;
 mod demo;

@@ -66,7 +66,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
         None => Vec::new(),
     };
     let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
-    remark_shortfall(&flight, &command(&arguments.scene, &arguments.order.rig), Some(&heights), form);
+    remark_shortfall(&flight, &again(arguments), Some(&heights), form);
     Ok(answer(&flight, &files, asked))
 }
 
@@ -90,8 +90,25 @@ fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Ans
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
-    remark_shortfall(&flight, &command(&arguments.scene, &arguments.order.rig), daemon::heights(&client, &plan).as_ref(), form);
+    remark_shortfall(&flight, &again(arguments), daemon::heights(&client, &plan).as_ref(), form);
     Ok(answer(&flight, &files, asked))
+}
+
+/// The command for another plan in the same way, as it is typed, without iterations and folder.
+fn again(arguments: &PlanArgs) -> String {
+    let PlanArgs { order, sizes, .. } = arguments;
+    let typed = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    let options = [
+        ("method", (order.method != "paper").then(|| order.method.clone())),
+        ("seed", (order.seed != 1).then(|| order.seed.to_string())),
+        ("start", order.start.map(|start| typed(&start.0))),
+        ("look", order.look.map(|look| typed(&look.0))),
+        ("config", arguments.config.as_ref().map(|path| path.display().to_string())),
+        ("samples", sizes.samples.map(|samples| samples.to_string())),
+        ("viewpoints", sizes.viewpoints.map(|viewpoints| viewpoints.to_string())),
+    ];
+    let given = options.into_iter().filter_map(|(option, value)| Some(format!(" --{option} {}", value?)));
+    command(&arguments.scene, &order.rig) + &given.collect::<String>()
 }
 
 /// The command for another plan of the same scene with the same rig, as it is typed.
@@ -108,9 +125,13 @@ pub fn answer(flight: &Flight, files: &[std::path::PathBuf], asked: Option<u32>)
     }
     let mut text = answer::table(&rows);
     if flight.plan.stop == StopReason::Cancelled {
-        let done = flight.plan.convergence.len();
         let of = asked.map_or(String::new(), |asked| format!(" of {asked}"));
-        text.push_str(&format!("\nstopped after {done}{of} iterations: this is the best plan so far"));
+        let after = match flight.plan.convergence.len() {
+            // Only the method of the paper goes by iterations.
+            0 if flight.plan.method != "paper" => "early".to_owned(),
+            done => format!("after {done}{of} iterations"),
+        };
+        text.push_str(&format!("\nstopped {after}: this is the best plan so far"));
     }
     for file in files {
         text.push_str(&format!("\nwrote {}", file.display()));

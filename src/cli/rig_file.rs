@@ -1,11 +1,11 @@
 //! `--rig`: the name of a preset, or a rig file.
 
-use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::Path;
 
 use overfly_wire::message::MAX_RIG_FILE_BYTES;
 
+use super::bounded_file;
 use super::failure::Failure;
 use crate::camera::{Rig, RigError};
 
@@ -29,13 +29,8 @@ pub fn read(given: &str) -> Result<GivenRig, Failure> {
     Ok(GivenRig { rig, text: Some(text) })
 }
 
-/// No more is read than a rig file may have, whatever stands there.
 fn read_text(path: &Path) -> io::Result<String> {
-    let mut bytes = Vec::new();
-    File::open(path)?.take(MAX_RIG_FILE_BYTES as u64 + 1).read_to_end(&mut bytes)?;
-    if bytes.len() > MAX_RIG_FILE_BYTES {
-        return Err(io::Error::other(format!("it has more than {MAX_RIG_FILE_BYTES} bytes")));
-    }
+    let bytes = bounded_file::read(path, MAX_RIG_FILE_BYTES as u64)?;
     String::from_utf8(bytes).map_err(|_| io::Error::other("it is not UTF-8 text"))
 }
 

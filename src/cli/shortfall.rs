@@ -1,4 +1,4 @@
-//! What is said of a plan that stays below its goal: how far, why, and what may come nearer.
+//! What is said of a plan that stays below its goal, or asks for more than a battery: how far, why, and what may come nearer.
 
 use overfly_table::FieldTable;
 
@@ -27,7 +27,8 @@ impl Heights {
 
 /// The remarks with the next steps; `command` is what takes `--iterations`, as it is typed.
 pub fn note(plan: &Plan, command: &str, heights: Option<&Heights>) -> Option<String> {
-    let notes: Vec<String> = [below_goal(plan, command), low_ceiling(plan, heights)].into_iter().flatten().collect();
+    let notes: Vec<String> =
+        [below_goal(plan, command), low_ceiling(plan, heights), empty_battery(plan)].into_iter().flatten().collect();
     (!notes.is_empty()).then(|| notes.join("\n"))
 }
 
@@ -74,6 +75,17 @@ fn low_ceiling(plan: &Plan, heights: Option<&Heights>) -> Option<String> {
         note.push_str(&format!("; structures rise to {:.0} m, {ceiling}", heights.tallest_m));
     }
     Some(note)
+}
+
+/// A flight that no full battery lasts for.
+fn empty_battery(plan: &Plan) -> Option<String> {
+    let percent = plan.metrics.battery_percent.filter(|percent| *percent > 100.0)?;
+    Some(format!(
+        "note: the flight draws {percent:.0} % of a full battery of the rig {:?}, so it needs {:.0} of them, with landings in \
+         between",
+        plan.rig,
+        (percent / 100.0).ceil()
+    ))
 }
 
 /// Whether the last quarter of the iterations still brought something; a search of a few iterations has only begun.

@@ -24,13 +24,18 @@ pub struct Outline(pub Vec<[f64; 2]>);
 /// Largest count of samples, viewpoints, iterations or rounds.
 const MOST: u32 = 10_000_000;
 
+/// Largest size of a coordinate, m, or of an angle, degrees: no scene reaches farther.
+const MOST_SIZE: f64 = 1e7;
+
 /// Why a value cannot be read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ValueError {
     #[error("{text:?} holds {found} number{plural}; give {expected}, separated by commas and without spaces, such as {example}", plural = if *found == 1 { "" } else { "s" })]
     Count { text: String, found: usize, expected: usize, example: &'static str },
-    #[error("{0:?} is not a number of metres")]
+    #[error("{0:?} is not a number")]
     Number(String),
+    #[error("{0:?} is too large; give a number of at most ten million in size")]
+    TooLarge(String),
     #[error("{text:?} will not do; give a whole number from {least} to {most}")]
     WholeNumber { text: String, least: u64, most: u64 },
     #[error("{0:?} is no direction; give an azimuth from -360 to 360 and a pitch from -90 to 90 degrees")]
@@ -112,7 +117,8 @@ fn numbers<const COUNT: usize>(text: &str, example: &'static str) -> Result<[f64
 
 fn number(text: &str) -> Result<f64, ValueError> {
     let value = text.trim().parse::<f64>().ok().filter(|value| value.is_finite());
-    value.ok_or_else(|| ValueError::Number(text.to_owned()))
+    let value = value.ok_or_else(|| ValueError::Number(text.to_owned()))?;
+    if value.abs() <= MOST_SIZE { Ok(value) } else { Err(ValueError::TooLarge(text.to_owned())) }
 }
 
 #[cfg(test)]
@@ -147,6 +153,8 @@ mod tests {
         for text in ["1,x,3", "1,,3", "nan,1,2", "inf,1,2"] {
             assert!(matches!(text.parse::<Meters3>(), Err(ValueError::Number(_))), "{text}");
         }
+        assert_eq!("abc".parse::<Degrees2>().unwrap_err().to_string(), "\"abc\" is not a number");
+        assert_eq!("1e300,0,40".parse::<Meters3>(), Err(ValueError::TooLarge("1e300".to_owned())));
         assert!(matches!("1,2".parse::<Meters3>(), Err(ValueError::Count { found: 2, expected: 3, .. })));
     }
 }

@@ -1,4 +1,8 @@
 //! Reconstructability after Smith et al. 2018 (Aerial path planning for urban scene reconstruction): a sum over pairs of views.
+//!
+//! With alpha the parallax of the views at the point, d their distances, phi their angles from the normal and d_max the range:
+//! w1 = 1/(1+exp(-32(alpha-pi/16))), w2 = 1-min(max(d1,d2)/d_max,1), w3 = 1-1/(1+exp(-8(alpha-pi/4))),
+//! q = w1 w2 w3 min(cos phi1, cos phi2). The reconstructability of a point is the sum of q over all pairs of views that see it.
 
 use std::f64::consts::PI;
 
@@ -15,7 +19,7 @@ pub(super) struct Weight {
 ///
 /// Thousands of pairs see a sample, so the two exponentials are looked up by the chord between the directions (linear interpolation;
 /// off by less than 1e-5 of the weight's largest value).
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Smith {
     range_m: f64,
     by_chord: Vec<f64>,
@@ -25,22 +29,32 @@ pub struct Smith {
 const STEPS: usize = 4096;
 
 impl Smith {
+    /// `range_m` is d_max.
     pub fn new(range_m: f64) -> Self {
         let weight = |step: usize| parallax_weight(2.0 * libm::asin((step as f64 / STEPS as f64).min(1.0)));
         Self { range_m, by_chord: (0..=STEPS + 1).map(weight).collect() }
     }
 
     pub(super) fn weight(&self, distance_m: f64, cosine: f64) -> Weight {
-        Weight { nearness: 1.0 - (distance_m / self.range_m).min(1.0), cosine }
+        Weight { nearness: self.nearness(distance_m), cosine }
     }
 
     /// The pair's part of the sum; `chord` is the distance of the unit vectors to the views.
     pub(super) fn pair(&self, chord: f64, first: &Weight, second: &Weight) -> f64 {
+        self.parallax(chord) * first.nearness.min(second.nearness) * first.cosine.min(second.cosine)
+    }
+
+    /// w1 w3 of two views whose unit vectors are `chord` apart.
+    pub fn parallax(&self, chord: f64) -> f64 {
         let place = chord * (STEPS as f64 / 2.0);
         let below = (place as usize).min(STEPS);
-        let share = place - below as f64;
-        let parallax = self.by_chord[below] + (self.by_chord[below + 1] - self.by_chord[below]) * share;
-        parallax * first.nearness.min(second.nearness) * first.cosine.min(second.cosine)
+        let share = (place - below as f64).min(1.0);
+        self.by_chord[below] + (self.by_chord[below + 1] - self.by_chord[below]) * share
+    }
+
+    /// 1 - min(d / d_max, 1); of a pair the farther view's is w2.
+    pub fn nearness(&self, distance_m: f64) -> f64 {
+        1.0 - (distance_m / self.range_m).min(1.0)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::camera::{Pose, Rig};
 use crate::search::leg::image_poses;
+use crate::search::outcome::{Iteration, StopReason};
 
 /// What a planning method decides.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -9,6 +10,16 @@ pub struct Route {
     pub waypoints: Vec<Pose>,
     /// In the order of the flight.
     pub exposures: Vec<Exposure>,
+}
+
+/// What a planning method found: always its best, never an error because it was stopped.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    pub route: Route,
+    /// The best path after each iteration; empty for methods that do not iterate over whole paths.
+    pub convergence: Vec<Iteration>,
+    /// Of a method that does not search for a goal [`StopReason::Complete`], or [`StopReason::Cancelled`] when it was told to stop.
+    pub stop: StopReason,
 }
 
 /// One release of the shutter of all cameras.

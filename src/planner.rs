@@ -126,7 +126,7 @@ pub enum PlanError {
     Unsafe(#[from] UnsafeCurve),
 }
 
-/// The rig that a method really flies: oblique photography puts lenses of its own on the rig's sensors. [`Settings::adapted_to`] it, a
+/// The rig that a method really flies: oblique photography puts lenses of its own on the rig's sensors. With [`Settings::with_sight`] of it a
 /// field sees as far as its cameras.
 pub fn flown_rig(options: &PlanOptions, settings: &Settings) -> Rig {
     match options.method {

@@ -4,8 +4,6 @@ mod parse;
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Rig;
-
 pub use parse::SettingsError;
 
 /// The embedded defaults, as text.
@@ -255,11 +253,6 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The settings for the sight of a rig.
-    pub fn adapted_to(self, rig: &Rig) -> Self {
-        self.with_sight(rig.sight_scale())
-    }
-
     /// The settings for cameras that see `scale` times as far as the reference camera: the distances of the coverage model grow from those
     /// for the sight that the settings have now, and with them the shell of viewpoints.
     pub fn with_sight(mut self, scale: f64) -> Self {

@@ -37,7 +37,7 @@ fn looks_like_path(scene: &str) -> bool {
 
 fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form: Form) -> Result<Answer, Failure> {
     let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?;
-    let settings = Arc::new(settings.clone().adapted_to(&planner::flown_rig(options, &settings)));
+    let settings = Arc::new(settings.clone().with_sight(planner::flown_rig(options, &settings).sight_scale()));
     settings.check()?;
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let mut meter = Meter::new(form);

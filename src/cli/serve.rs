@@ -20,7 +20,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(5);
 pub fn run(arguments: &ServeArgs) -> Result<(), Failure> {
     let mut settings = settings_file::settings(arguments.config.as_ref(), None)?;
     if let Some(rig) = &arguments.rig {
-        settings = settings.adapted_to(&rig_file::read(rig)?.rig);
+        settings = settings.with_sight(rig_file::read(rig)?.rig.sight_scale());
         settings.check()?;
     }
     let name = arguments.reach.domain.clone().unwrap_or_else(|| settings.daemon.domain.clone());

@@ -137,7 +137,9 @@ impl<'a> Study<'a> {
     /// The trial of a site with the scene as its own proxy. Its settings are adapted to the sight of the cameras that are flown.
     pub fn trial(&self, site: Site, rig: &'static str, method: Method, settings: Settings) -> Trial {
         let settings = match Rig::preset(rig) {
-            Ok(rig) => settings.clone().adapted_to(&planner::flown_rig(&PlanOptions::new(rig, method, 1), &settings)),
+            Ok(rig) => {
+                settings.clone().with_sight(planner::flown_rig(&PlanOptions::new(rig, method, 1), &settings).sight_scale())
+            }
             // The flights will say so.
             Err(_) => settings,
         };

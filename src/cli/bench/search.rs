@@ -15,7 +15,7 @@ use crate::planner::{self, Method, PlanOptions, StopToken};
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let rig = rig_file::read(&arguments.rig)?.rig;
-    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?.adapted_to(&rig);
+    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?.with_sight(rig.sight_scale());
     settings.check()?;
     let settings = Arc::new(settings);
     let stop = StopToken::default();

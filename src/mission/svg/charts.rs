@@ -15,12 +15,17 @@ const HEIGHT: f64 = 150.0;
 /// Bars over the range of covered shares.
 const BARS: usize = 25;
 
+/// Whether there is a curve to draw.
+pub fn has_convergence(plan: &Plan) -> bool {
+    plan.convergence.len() > 1
+}
+
 /// Coverage of the best path after each iteration, with the goal.
 pub fn convergence(place: Place, plan: &Plan) -> Group {
     let [left, top] = place;
     let (chart_top, chart_height) = (top + 24.0, HEIGHT);
     let group = pen::group("convergence");
-    if plan.convergence.len() < 2 {
+    if !has_convergence(plan) {
         return group;
     }
     let at = |percent: f64| chart_top + chart_height * (1.0 - percent.clamp(0.0, 100.0) / 100.0);

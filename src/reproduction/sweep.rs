@@ -13,7 +13,7 @@ type Constant = (&'static str, &'static [f64], fn(&mut Settings) -> &mut f64);
 
 const CONSTANTS: [Constant; 3] = [
     ("coverage.theta0_deg", &[15.0, 20.0, 25.0, 28.0], |settings| &mut settings.coverage.theta0_deg),
-    ("objective.eta", &[0.05, 0.1, 0.2, 0.3], |settings| &mut settings.objective.eta),
+    ("objective.eta", &[0.05, 0.1, 0.2, 0.3, 1.0], |settings| &mut settings.objective.eta),
     ("search.neighbour_share", &[0.10, 0.15, 0.20], |settings| &mut settings.search.neighbour_share),
 ];
 

@@ -104,11 +104,11 @@ mod tests {
 
     #[test]
     fn a_path_is_worth_its_information_its_efficiency_and_less_its_turns() {
-        // On the reference scene c = 0.3 * 2151 = 645.3 m; a tenth of all cells is G = 800.
+        // On the reference scene c = 2151 m; a tenth of all cells is G = 800.
         let settings = Settings::default();
         let information = (settings.objective.reference_area_m2 * 1e5) as u64 * CELLS as u64;
-        let sums = PathSums { information, length_m: 2000.0, turning_s: 20.0 };
-        assert!((objective().value(&sums) - (800.0 * (1.0 + 645.3 / 2000.0) - 10.0 * 20.0)).abs() < 1e-6);
+        let sums = PathSums { information, length_m: 4000.0, turning_s: 20.0 };
+        assert!((objective().value(&sums) - (800.0 * (1.0 + 2151.0 / 4000.0) - 10.0 * 20.0)).abs() < 1e-6);
         // Below c the length does not matter.
         let shorter = PathSums { length_m: 500.0, ..sums };
         assert!((objective().value(&shorter) - (800.0 * 2.0 - 200.0)).abs() < 1e-6);

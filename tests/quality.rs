@@ -319,6 +319,11 @@ fn what_is_wrong_in_a_plan_is_named_by_file_and_key() {
         (r#"  "cameras""#, r#"  "cams""#, "cameras"),
         (r#""pixel_rad":0.0006"#, r#""pixel_rad":0.0"#, "cameras[0].pixel_rad"),
         (r#""pixel_rad":0.0006"#, r#""pixel_rad":"wide""#, "cameras[0].pixel_rad"),
+        (
+            r#""pixel_rad":0.0006"#,
+            r#""focal_mm":0.0,"sensor_mm":[13.2,8.8],"pixels":[5472,3648],"pixel_rad":0.0006"#,
+            "cameras[0].focal_mm",
+        ),
         (image, r#""direction":null,"up":[0.0,0.0,2.0]"#, "images[0].up"),
         (image, r#""direction":[0.0,2.0,0.0],"up":[0.0,0.0,1.0],"fov_deg":[60.0,40.0]"#, "images[0].direction"),
         (image, r#""direction":[0.0,1.0,0.0],"up":[0.0,0.0,1.0]"#, "images[0].fov_deg"),

@@ -200,6 +200,9 @@ impl CameraEntry {
             (Some(focal_mm), Some(sensor_mm), Some(pixels)) => Some(Intrinsics { focal_mm, sensor_mm, pixels }),
             _ => return wrong(key("focal_mm"), "`focal_mm`, `sensor_mm` and `pixels` stand together or not at all"),
         };
+        if intrinsics.is_some_and(|lens| !lens.half_tangents().iter().all(|half_tangent| (0.01..=4.0).contains(half_tangent))) {
+            return wrong(key("focal_mm"), "focal length and sensor give no field of view that a camera has");
+        }
         Ok(Camera { name: self.name, intrinsics, pixel_rad: self.pixel_rad })
     }
 }

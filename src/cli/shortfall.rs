@@ -43,7 +43,7 @@ fn below_goal(plan: &Plan, command: &str) -> Option<String> {
         let wanted = 4 * plan.convergence.len().max(100);
         format!("coverage was still rising, so more iterations come nearer (`{command} --iterations {wanted}`)")
     } else {
-        "coverage hardly rose at the end, so a smaller weight of turning comes nearer (`objective.alpha_t` in the file of `--config`)"
+        "coverage hardly rose at the end, so smaller weights of turning and of efficiency come nearer (`objective.alpha_t`, `objective.eta` in the file of `--config`)"
             .to_owned()
     };
     Some(format!(

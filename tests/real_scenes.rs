@@ -113,7 +113,7 @@ fn real_scene_delft_campus() {
 fn check_flight(file: &str, options: &PlanOptions, least_percent: f64) -> Option<Plan> {
     let path = real_scene(file)?;
     let settings = Settings::default();
-    let settings = settings.clone().adapted_to(&flown_rig(options, &settings));
+    let settings = settings.clone().with_sight(flown_rig(options, &settings).sight_scale());
     let bytes = std::fs::read(&path).expect("the scene can be read");
     let (scene, _) = overfly::scene::read(&path.to_string_lossy(), &bytes, &settings.proxy).expect("a real town can be imported");
     let snapshot = snapshot(&session(scene, &settings));

@@ -2,12 +2,14 @@
 
 mod intrinsics;
 mod rig;
+mod rig_file;
 mod view;
 
 use nalgebra::{Point3, Unit, Vector3};
 
 pub use intrinsics::Intrinsics;
-pub use rig::{Battery, Cameras, Mount, Rig, RigError, sight_scale};
+pub use rig::{Battery, Cameras, Mount, Rig, sight_scale};
+pub use rig_file::RigError;
 pub use view::{View, direction_of, pitch_rad};
 
 /// Where a rig is and how it is turned.

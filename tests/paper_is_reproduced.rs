@@ -186,8 +186,8 @@ fn only_what_is_asked_for_is_made() {
     let found = json(&place, "out");
     let keys: Vec<&str> = found["tables"].as_array().unwrap().iter().map(|table| table["key"].as_str().unwrap()).collect();
     assert_eq!(keys, ["table1", "sweep"]);
-    // Eleven values on two scenes of three.
-    assert_eq!(found["tables"][1]["rows"].as_array().map(Vec::len), Some(22));
+    // Twelve values on two scenes of three.
+    assert_eq!(found["tables"][1]["rows"].as_array().map(Vec::len), Some(24));
     assert_eq!(found["command"], "overfly reproduce --only sweep,table1 --quick --scenes SCENES --out DIR");
     assert_eq!(place.files("out"), ["reproduction.json", "reproduction.md"]);
 }

@@ -20,7 +20,8 @@ fn the_reference_area_of_the_settings_is_that_of_the_generated_scene() {
     let settings = Settings::default();
     let measured = reference(&settings).field().facts.reference_area_m2;
     let assumed = settings.objective.reference_area_m2;
-    assert!((measured / assumed - 1.0).abs() < 0.02, "the scene has {measured} m^2 exposed, the settings say {assumed}");
+    // The units bear a few percent; they must be those of this scene and of no other.
+    assert!((measured / assumed - 1.0).abs() < 0.04, "the scene has {measured} m^2 exposed, the settings say {assumed}");
 }
 
 #[test]

@@ -18,6 +18,24 @@ pub struct Profile {
     duration_s: f64,
 }
 
+/// What a rig can do in the air. Each rule looks at a few neighbouring waypoints, so that a change of a path changes its times nearby.
+#[derive(Clone, Debug)]
+pub struct Limits {
+    turning: Turning,
+    cruise_mps: f64,
+    dynamics: DynamicsSettings,
+}
+
+/// What has to turn along a path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turning {
+    Nothing,
+    /// A camera on a gimbal turns along the legs.
+    View,
+    /// Bolted cameras turn with the nose, in the corners.
+    Nose,
+}
+
 /// A leg between the arcs at its ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct TimedLeg {
@@ -42,15 +60,16 @@ struct Straight {
 }
 
 /// A corner with the largest arc that keeps near it.
-#[derive(Clone, Copy, Debug, Default)]
-struct Corner {
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Corner {
     deviation_rad: f64,
     radius_m: f64,
     /// What the arc cuts off each of the two legs, m.
-    cut_m: f64,
+    pub cut_m: f64,
     /// How far the nose turns where the cameras are bolted to the airframe, rad.
     yaw_rad: f64,
-    speed_mps: f64,
+    /// Speed on the arc.
+    pub speed_mps: f64,
 }
 
 /// A corner with a smaller arc is flown at rest, m.
@@ -61,21 +80,20 @@ const TURN_PARTS: u32 = 8;
 
 impl Profile {
     pub fn new(path: &[Pose], rig: &Rig, flight: &FlightSettings, dynamics: &DynamicsSettings) -> Self {
-        let legs: Vec<Vector3<f64>> = path.windows(2).map(|ends| ends[1].position - ends[0].position).collect();
-        let is_nose_first = matches!(rig.cameras, Cameras::Rigid(_));
-        let limits: Vec<f64> = path.windows(2).map(|ends| leg_speed_mps(rig, ends, flight.cruise_speed_mps, dynamics)).collect();
+        let limits = Limits::new(rig, flight, dynamics);
+        let lengths_m: Vec<f64> = path.windows(2).map(|ends| (ends[1].position - ends[0].position).norm()).collect();
+        let speeds_mps: Vec<f64> = path.windows(2).map(|ends| limits.leg_mps(&ends[0], &ends[1])).collect();
         let mut corners: Vec<Corner> = vec![Corner::default()];
-        for (k, pair) in legs.windows(2).enumerate() {
-            let yaw_rad = if is_nose_first { yaw_between(&path[k], &path[k + 1], &path[k + 2]) } else { 0.0 };
-            corners.push(Corner::new(&pair[0], &pair[1], yaw_rad, limits[k].min(limits[k + 1]), dynamics));
+        for (k, at) in path.windows(3).enumerate() {
+            corners.push(limits.corner(&at[0], &at[1], &at[2], speeds_mps[k].min(speeds_mps[k + 1])));
         }
         corners.push(Corner::default());
-        bound_speeds(&mut corners, &legs, dynamics.acceleration_mps2);
-        let mut profile = Self { legs: Vec::with_capacity(legs.len()), duration_s: 0.0 };
-        for (k, leg) in legs.iter().enumerate() {
+        bound_speeds(&limits, &mut corners, &lengths_m);
+        let mut profile = Self { legs: Vec::with_capacity(lengths_m.len()), duration_s: 0.0 };
+        for (k, &length_m) in lengths_m.iter().enumerate() {
             let ends = [corners[k], corners[k + 1]];
-            let timed = TimedLeg::new(profile.duration_s, leg.norm(), &ends, limits[k], dynamics);
-            profile.duration_s = timed.start_s + timed.arc_s[0] + timed.straight.duration_s() + timed.arc_s[1];
+            let timed = TimedLeg::new(profile.duration_s, length_m, &ends, speeds_mps[k], dynamics);
+            profile.duration_s = timed.end_s();
             profile.legs.push(timed);
         }
         profile
@@ -93,6 +111,46 @@ impl Profile {
     }
 }
 
+impl Limits {
+    pub fn new(rig: &Rig, flight: &FlightSettings, dynamics: &DynamicsSettings) -> Self {
+        let turning = match rig.cameras {
+            Cameras::Panoramic { .. } => Turning::Nothing,
+            Cameras::Gimbal { .. } => Turning::View,
+            Cameras::Rigid(_) => Turning::Nose,
+        };
+        Self { turning, cruise_mps: flight.cruise_speed_mps, dynamics: *dynamics }
+    }
+
+    /// Speed on a leg: that of the cruise, or less where the camera needs longer to turn than the leg takes, m/s.
+    pub fn leg_mps(&self, from: &Pose, to: &Pose) -> f64 {
+        let Some((first, last)) = from.direction.zip(to.direction).filter(|(first, last)| first != last) else {
+            return self.cruise_mps;
+        };
+        if self.turning != Turning::View {
+            return self.cruise_mps;
+        }
+        let turning_s = turning_s(&first, &last, &self.dynamics);
+        if turning_s > 0.0 { self.cruise_mps.min((to.position - from.position).norm() / turning_s) } else { self.cruise_mps }
+    }
+
+    /// The corner at a waypoint between two others; `limit_mps` is the lower speed of the two legs.
+    pub fn corner(&self, before: &Pose, at: &Pose, after: &Pose, limit_mps: f64) -> Corner {
+        let yaw_rad = if self.turning == Turning::Nose { yaw_between(before, at, after) } else { 0.0 };
+        Corner::new(&(at.position - before.position), &(after.position - at.position), yaw_rad, limit_mps, &self.dynamics)
+    }
+
+    /// The speed that can be reached from another one along a leg between two corners, m/s; speeding up and slowing down alike.
+    pub fn reachable_mps(&self, from_mps: f64, leg_m: f64, ends: [&Corner; 2]) -> f64 {
+        let straight_m = (leg_m - ends[0].cut_m - ends[1].cut_m).max(0.0);
+        (from_mps * from_mps + 2.0 * self.dynamics.acceleration_mps2 * straight_m).sqrt()
+    }
+
+    /// Time of a leg from the middle of the arc at its start to the middle of that at its end, s; the corners have their final speeds.
+    pub fn leg_s(&self, leg_m: f64, ends: &[Corner; 2], limit_mps: f64) -> f64 {
+        TimedLeg::new(0.0, leg_m, ends, limit_mps, &self.dynamics).end_s()
+    }
+}
+
 impl TimedLeg {
     fn new(start_s: f64, length_m: f64, ends: &[Corner; 2], limit_mps: f64, dynamics: &DynamicsSettings) -> Self {
         let straight = Straight::new(
@@ -103,6 +161,10 @@ impl TimedLeg {
         );
         let arc_s = ends.map(|corner| corner.duration_s(dynamics) / 2.0);
         Self { start_s, length_m, cut_m: ends.map(|corner| corner.cut_m), arc_s, straight }
+    }
+
+    fn end_s(&self) -> f64 {
+        self.start_s + self.arc_s[0] + self.straight.duration_s() + self.arc_s[1]
     }
 
     fn time_at_s(&self, flown_m: f64) -> f64 {
@@ -183,29 +245,15 @@ impl Corner {
     }
 }
 
-/// Lowers the corners' speeds until each can be reached from its neighbours with the given acceleration.
-fn bound_speeds(corners: &mut [Corner], legs: &[Vector3<f64>], acceleration_mps2: f64) {
-    let straight_m = |corners: &[Corner], k: usize| (legs[k].norm() - corners[k].cut_m - corners[k + 1].cut_m).max(0.0);
-    let reach = |speed_mps: f64, length_m: f64| (speed_mps * speed_mps + 2.0 * acceleration_mps2 * length_m).sqrt();
-    for k in 0..legs.len() {
-        let reachable = reach(corners[k].speed_mps, straight_m(corners, k));
-        corners[k + 1].speed_mps = corners[k + 1].speed_mps.min(reachable);
+/// Lowers the corners' speeds until each can be reached from its neighbours.
+fn bound_speeds(limits: &Limits, corners: &mut [Corner], lengths_m: &[f64]) {
+    for (k, &length_m) in lengths_m.iter().enumerate() {
+        let reachable_mps = limits.reachable_mps(corners[k].speed_mps, length_m, [&corners[k], &corners[k + 1]]);
+        corners[k + 1].speed_mps = corners[k + 1].speed_mps.min(reachable_mps);
     }
-    for k in (0..legs.len()).rev() {
-        let reachable = reach(corners[k + 1].speed_mps, straight_m(corners, k));
-        corners[k].speed_mps = corners[k].speed_mps.min(reachable);
-    }
-}
-
-/// Cruise speed, or less where the camera needs longer to turn than the leg takes.
-fn leg_speed_mps(rig: &Rig, ends: &[Pose], cruise_mps: f64, dynamics: &DynamicsSettings) -> f64 {
-    let length_m = (ends[1].position - ends[0].position).norm();
-    match (rig.has_gimbal(), ends[0].direction, ends[1].direction) {
-        (true, Some(first), Some(last)) if first != last => {
-            let turning_s = turning_s(&first, &last, dynamics);
-            if turning_s > 0.0 { cruise_mps.min(length_m / turning_s) } else { cruise_mps }
-        }
-        _ => cruise_mps,
+    for (k, &length_m) in lengths_m.iter().enumerate().rev() {
+        let reachable_mps = limits.reachable_mps(corners[k + 1].speed_mps, length_m, [&corners[k], &corners[k + 1]]);
+        corners[k].speed_mps = corners[k].speed_mps.min(reachable_mps);
     }
 }
 

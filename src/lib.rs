@@ -18,6 +18,7 @@ pub mod field;
 pub mod frame;
 pub mod planner;
 pub mod quality;
+pub mod refine;
 pub mod reproduction;
 pub mod scene;
 pub mod search;

@@ -5,6 +5,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use crate::baseline::{self, BaselineError};
 use crate::camera::{Cameras, Pose, Rig, pitch_rad};
 use crate::field::Snapshot;
+use crate::refine::{self, Aim, Budget, Ground};
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
 use crate::search::{Problem, SearchError, search};
@@ -19,14 +20,19 @@ use crate::trajectory::{images, select};
 pub use crate::search::Progress;
 pub use crate::stop::StopToken;
 
+/// Longest refinement, s.
+pub const MOST_BUDGET_S: f64 = 86_400.0;
+
 /// What a user asks for beyond the settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanOptions {
     pub rig: Rig,
     pub method: Method,
     pub seed: u64,
-    /// Iterations K; `None` takes the setting.
+    /// Iterations K of the tree search, or rounds of the refinement; `None` takes the setting.
     pub iterations: Option<u32>,
+    /// For the refinement: about how long it may take, s, in place of iterations. It needs a stop token with a clock.
+    pub budget_s: Option<f64>,
     /// Where the flight starts, m in the local frame; `None` chooses a start. The baselines begin where their tours do.
     pub start_m: Option<Point3<f64>>,
     /// Where a camera on a gimbal looks at the start; `None` chooses the direction.
@@ -36,13 +42,22 @@ pub struct PlanOptions {
 impl PlanOptions {
     /// A plan with everything else left to the planner.
     pub fn new(rig: Rig, method: Method, seed: u64) -> Self {
-        Self { rig, method, seed, iterations: None, start_m: None, start_view: None }
+        Self { rig, method, seed, iterations: None, budget_s: None, start_m: None, start_view: None }
     }
 
     /// What can be refused before there is a scene.
     pub fn check(&self) -> Result<(), PlanError> {
         if let Some(iterations) = self.iterations.filter(|&iterations| iterations > MOST_ITERATIONS) {
             return Err(PlanError::Iterations { iterations });
+        }
+        if let Some(budget_s) = self.budget_s {
+            let method = self.method.name();
+            if self.method != Method::Refined {
+                return Err(PlanError::NoBudget { method });
+            }
+            if self.iterations.is_some() || !(budget_s > 0.0 && budget_s <= MOST_BUDGET_S) {
+                return Err(PlanError::Budget { budget_s });
+            }
         }
         let Some(view) = self.start_view else { return Ok(()) };
         let rig = self.rig.name.clone();
@@ -58,6 +73,8 @@ impl PlanOptions {
 /// A way to plan a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
+    /// The paper's tree, then local search on its flight.
+    Refined,
     /// Algorithms 2 to 5 of the paper.
     Paper,
     /// Serpentine lines above all buildings (oblique photography).
@@ -70,10 +87,11 @@ pub enum Method {
 
 impl Method {
     /// All methods, in the order in which they are listed.
-    pub const ALL: [Self; 4] = [Self::Paper, Self::Oblique, Self::Smith, Self::Zhou];
+    pub const ALL: [Self; 5] = [Self::Refined, Self::Paper, Self::Oblique, Self::Smith, Self::Zhou];
 
     pub fn name(self) -> &'static str {
         match self {
+            Self::Refined => "refined",
             Self::Paper => "paper",
             Self::Oblique => "op",
             Self::Smith => "smith",
@@ -111,6 +129,12 @@ pub enum PlanError {
     NoGimbal { rig: String },
     #[error("{iterations} iterations were asked for; the most is {most}", most = MOST_ITERATIONS)]
     Iterations { iterations: u32 },
+    #[error("the method {method:?} takes no seconds: it ends by itself; give iterations, or the method \"refined\"")]
+    NoBudget { method: &'static str },
+    #[error(
+        "a budget of {budget_s} s cannot be kept: give either iterations or more than 0 and at most {most} s", most = MOST_BUDGET_S
+    )]
+    Budget { budget_s: f64 },
     #[error(
         "no sample of the scene can be captured: no admissible view of {rig:?} comes within {range_m} m and sees enough of it; raise \
          `flight.legal_ceiling_m` ({ceiling_m} m) or `coverage.range_m`, or take a rig with a wider view"
@@ -152,6 +176,7 @@ pub fn plan(
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
     }
     let Found { route, convergence, stop: reason } = match options.method {
+        Method::Refined => refined(snapshot, settings, &problem, options, stop, on_progress)?,
         Method::Paper => tree_search(snapshot, settings, &problem, options, stop, on_progress)?,
         Method::Oblique => baseline::oblique::fly(&problem, &settings.baseline, stop, on_progress)?,
         Method::Smith => baseline::smith::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
@@ -205,14 +230,41 @@ fn tree_search(
 ) -> Result<Found, PlanError> {
     let start = start_pose(problem, options, stop)?;
     let iterations = options.iterations.unwrap_or(settings.search.iterations);
-    let route = |path: &[Pose]| Route::continuous(path, &problem.rig, problem.image_spacing_m);
-    let confirm = |path: &[Pose]| {
-        let profile = Profile::new(path, &problem.rig, &settings.flight, &settings.dynamics);
-        let images = images::expose(&route(path), &problem.rig, &profile);
-        evaluate::sightings(snapshot, &images, stop).map_or(0, |sightings| sightings.capture(problem, |_| true).captured)
-    };
+    let confirm = |path: &[Pose]| captured(snapshot, settings, problem, path, stop);
     let outcome = search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?;
-    Ok(Found { route: route(&outcome.path), convergence: outcome.convergence, stop: outcome.stop })
+    Ok(Found::of(outcome, problem))
+}
+
+/// Beyond the paper: a small tree, whose flight is then improved.
+fn refined(
+    snapshot: &Snapshot,
+    settings: &Settings,
+    problem: &Problem,
+    options: &PlanOptions,
+    stop: &StopToken,
+    on_progress: &mut dyn FnMut(&Progress),
+) -> Result<Found, PlanError> {
+    let start = start_pose(problem, options, stop)?;
+    let confirm = |path: &[Pose]| captured(snapshot, settings, problem, path, stop);
+    let tree = search(problem, start, settings.refine.tree_iterations, options.seed, stop, &confirm, &mut |_| {})?;
+    if tree.path.len() < 2 {
+        return Ok(Found::of(tree, problem));
+    }
+    let ground = Ground::new(problem, settings, options.start_m.is_some());
+    let budget = match options.budget_s {
+        Some(seconds) => Budget::Seconds(seconds),
+        None => Budget::Rounds(options.iterations.unwrap_or(settings.refine.rounds)),
+    };
+    let aim = Aim::LeastTime { required: problem.sufficient };
+    let outcome = refine::refine(&ground, &tree.path, aim, budget, options.seed, stop, &confirm, on_progress);
+    Ok(Found::of(outcome, problem))
+}
+
+/// Capturable samples that a path captures, by exact rays from its images.
+fn captured(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &[Pose], stop: &StopToken) -> u32 {
+    let profile = Profile::new(path, &problem.rig, &settings.flight, &settings.dynamics);
+    let images = images::expose(&Route::continuous(path, &problem.rig, problem.image_spacing_m), &problem.rig, &profile);
+    evaluate::sightings(snapshot, &images, stop).map_or(0, |sightings| sightings.capture(problem, |_| true).captured)
 }
 
 /// The given start if it is safe, else the viewpoint; the given view, else the direction: whatever alone captures the most information,

@@ -24,6 +24,7 @@ pub struct Settings {
     pub coverage: CoverageSettings,
     pub objective: ObjectiveSettings,
     pub search: SearchSettings,
+    pub refine: RefineSettings,
     pub quality: QualitySettings,
     pub baseline: BaselineSettings,
     pub daemon: DaemonSettings,
@@ -187,6 +188,29 @@ pub struct SearchSettings {
     pub memory_mb: u32,
     /// Most that the view of a camera on a gimbal turns on one leg, degrees; blur may allow less (section 5.4).
     pub view_turn_deg: f64,
+}
+
+/// Local search on the waypoints of a flight, beyond the paper.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RefineSettings {
+    /// Iterations of the tree search that gives the flight to begin with.
+    pub tree_iterations: u32,
+    /// Rounds, where neither rounds nor seconds are asked for.
+    pub rounds: u32,
+    /// Changes that each worker tries in one round.
+    pub round_moves: u32,
+    /// Parts of the flight that are changed at the same time.
+    pub sectors: u32,
+    /// By how much a change may make the flight worse, on average, in the first and in the last round, s.
+    pub hottest_s: f64,
+    pub coldest_s: f64,
+    /// What all cells of a sample, and a sample beyond the goal, are worth, as shares of a sample's price.
+    pub cells_share: f64,
+    pub surplus_share: f64,
+    /// Factors of the price after a round that ends short of the goal, and after one that does not.
+    pub price_rise: f64,
+    pub price_fall: f64,
 }
 
 /// Prediction of the reconstruction's quality: Error and Completeness in the form of the paper's Tables 2 and 3.

@@ -95,6 +95,7 @@ pub fn is_flown(table: &mut Table, trial: &Trial, flights: &Flights) -> bool {
 /// How a method is called in the paper's tables.
 pub fn label(method: Method) -> &'static str {
     match method {
+        Method::Refined => "Refined",
         Method::Paper => "Ours",
         Method::Zhou => "Zhou",
         Method::Smith => "Smith",

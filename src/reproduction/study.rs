@@ -176,7 +176,7 @@ impl<'a> Study<'a> {
     fn seeds_of(&self, method: Method) -> u64 {
         match method {
             Method::Oblique => 1,
-            Method::Paper | Method::Smith | Method::Zhou => self.seeds.into(),
+            Method::Refined | Method::Paper | Method::Smith | Method::Zhou => self.seeds.into(),
         }
     }
 

@@ -81,7 +81,8 @@ impl Settings {
     }
 
     fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
-        let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, quality, baseline, daemon } = self;
+        let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, refine, quality, baseline, daemon } =
+            self;
         vec![
             ("proxy.storey_height_m", proxy.storey_height_m, 1.0, 20.0),
             ("proxy.default_height_m", proxy.default_height_m, 1.0, 1000.0),
@@ -129,6 +130,16 @@ impl Settings {
             ("search.memory_mb", f64::from(search.memory_mb), 1.0, 1_000_000.0),
             ("search.image_spacing_m", search.image_spacing_m, 0.5, 1000.0),
             ("search.view_turn_deg", search.view_turn_deg, 0.0, 180.0),
+            ("refine.tree_iterations", f64::from(refine.tree_iterations), 0.0, f64::from(MOST_ITERATIONS)),
+            ("refine.rounds", f64::from(refine.rounds), 0.0, f64::from(MOST_ITERATIONS)),
+            ("refine.round_moves", f64::from(refine.round_moves), 1.0, 1e6),
+            ("refine.sectors", f64::from(refine.sectors), 1.0, 64.0),
+            ("refine.hottest_s", refine.hottest_s, 0.0, 1000.0),
+            ("refine.coldest_s", refine.coldest_s, 0.0, 1000.0),
+            ("refine.cells_share", refine.cells_share, 0.0, 100.0),
+            ("refine.surplus_share", refine.surplus_share, 0.0, 1.0),
+            ("refine.price_rise", refine.price_rise, 1.0, 10.0),
+            ("refine.price_fall", refine.price_fall, 0.1, 1.0),
             ("quality.samples", f64::from(quality.samples), 1.0, 1_000_000.0),
             ("quality.pixel_noise_px", quality.pixel_noise_px, 1e-3, 100.0),
             ("quality.min_parallax_deg", quality.min_parallax_deg, 0.1, 170.0),

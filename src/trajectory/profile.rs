@@ -218,6 +218,11 @@ impl Straight {
 }
 
 impl Corner {
+    /// The same corner, passed at another speed.
+    pub fn at_mps(self, speed_mps: f64) -> Self {
+        Self { speed_mps, ..self }
+    }
+
     fn new(before: &Vector3<f64>, after: &Vector3<f64>, yaw_rad: f64, limit_mps: f64, dynamics: &DynamicsSettings) -> Self {
         let deviation_rad = angle_rad(before, after);
         let (sin_half, cos_half) = libm::sincos(deviation_rad / 2.0);

@@ -1,8 +1,9 @@
 //! A flight before it is timed: its corners, and where on the way images are taken.
 
 use crate::camera::{Pose, Rig};
+use crate::search::Problem;
 use crate::search::leg::image_poses;
-use crate::search::outcome::{Iteration, StopReason};
+use crate::search::outcome::{Iteration, Outcome, StopReason};
 
 /// What a planning method decides.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,6 +31,14 @@ pub struct Exposure {
     /// Distance from the leg's start, m.
     pub flown_m: f64,
     pub pose: Pose,
+}
+
+impl Found {
+    /// A search's path with images all along it.
+    pub fn of(outcome: Outcome, problem: &Problem) -> Self {
+        let Outcome { path, convergence, stop } = outcome;
+        Self { route: Route::continuous(&path, &problem.rig, problem.image_spacing_m), convergence, stop }
+    }
 }
 
 impl Route {

@@ -1,0 +1,212 @@
+//! Simulated annealing in rounds: every sector of the flight is changed by a worker of its own, then the sectors are put together again.
+//!
+//! A worker changes the waypoints of its sector and sees all others as they were when the round began. Two workers may both give up views
+//! of one sample in reliance on the other's; then samples are missing when the sectors are put together, their price rises, and the next
+//! round gets them back. What a round gives depends on its number and on the state before it, never on threads or clocks.
+
+use std::ops::Range;
+
+use rand_chacha::ChaCha8Rng;
+use rand_core::SeedableRng;
+use rayon::prelude::*;
+
+use super::draft::Splice;
+use super::flight::{Demand, Flight};
+use super::ground::Ground;
+use super::moves::{self, exponential};
+use crate::camera::Pose;
+use crate::search::Iteration;
+use crate::search::objective::PathSums;
+
+/// What is wanted: the least time at a coverage, or the most coverage within a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Aim {
+    LeastTime { required: u32 },
+    MostCoverage { within_ns: u64 },
+}
+
+/// A flight under annealing with the best that it has been.
+pub struct Annealing<'a> {
+    ground: &'a Ground<'a>,
+    aim: Aim,
+    seed: u64,
+    flight: Flight,
+    demand: Demand,
+    best: Best,
+    /// Rounds so far, and changes that were tried in them.
+    rounds: u32,
+    pub tried: u64,
+}
+
+/// The best flight so far.
+#[derive(Clone, Debug)]
+pub struct Best {
+    pub path: Vec<Pose>,
+    pub captured: u32,
+    pub duration_ns: u64,
+    record: Iteration,
+}
+
+/// Waypoints that a worker may change: all but some at the beginning and some at the end.
+#[derive(Clone, Copy, Debug)]
+pub struct Sector {
+    pub head: usize,
+    pub tail: usize,
+}
+
+impl Sector {
+    /// The waypoints of the sector in a flight of so many.
+    pub fn of(&self, waypoints: usize) -> Range<usize> {
+        self.head..waypoints - self.tail
+    }
+}
+
+/// A sector has at least so many waypoints.
+const LEAST_SECTOR: usize = 8;
+
+/// What a sample costs at least and at most, ns.
+const PRICES_NS: (f64, f64) = (1e7, 60e9);
+
+impl<'a> Annealing<'a> {
+    /// Starts from a path that keeps all limits.
+    pub fn new(ground: &'a Ground<'a>, path: &[Pose], aim: Aim, seed: u64) -> Self {
+        let flight = Flight::new(ground, path);
+        let required = match aim {
+            Aim::LeastTime { required } => required,
+            Aim::MostCoverage { .. } => ground.capturable.len() as u32,
+        };
+        let captured = flight.counts.totals().captured.max(1);
+        let settings = ground.settings;
+        let demand = Demand {
+            required,
+            price_ns: (flight.duration_ns() as f64 / f64::from(captured)).clamp(PRICES_NS.0, PRICES_NS.1),
+            surplus_share: settings.surplus_share,
+            cells_share: settings.cells_share,
+        };
+        let record = Iteration { objective: 0.0, coverage_percent: 0.0, length_m: 0.0, turning_s: 0.0 };
+        let best = Best { path: path.to_vec(), captured: 0, duration_ns: u64::MAX, record };
+        let mut annealing = Self { ground, aim, seed, flight, demand, best, rounds: 0, tried: 0 };
+        annealing.keep_best();
+        annealing
+    }
+
+    pub fn best(&self) -> &Best {
+        &self.best
+    }
+
+    /// Captured samples that a flight needs.
+    pub fn required(&self) -> u32 {
+        self.demand.required
+    }
+
+    /// Asks for more samples, and begins anew to look for the best flight from the best so far.
+    pub fn demand_more(&mut self, samples: u32) {
+        self.demand.required += samples;
+        self.flight = Flight::new(self.ground, &self.best.path);
+        self.best.captured = 0;
+        self.keep_best();
+    }
+
+    /// The best flight so far; information is that of the capturable samples.
+    pub fn record(&self) -> Iteration {
+        self.best.record
+    }
+
+    /// One round at a temperature: how much worse a change may make the flight, ns, on average.
+    pub fn round(&mut self, temperature_ns: f64) {
+        let (ground, demand, steps) = (self.ground, self.demand, self.ground.settings.round_moves);
+        let sectors = self.sectors();
+        let flights: Vec<Flight> = sectors
+            .par_iter()
+            .enumerate()
+            .map(|(worker, sector)| {
+                let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+                random.set_stream(u64::from(self.rounds) << 8 | worker as u64);
+                let mut flight = self.flight.clone();
+                let mut splice = Splice::default();
+                for _ in 0..steps {
+                    if moves::propose(ground, &flight, *sector, &mut random, &mut splice) {
+                        let most_ns = temperature_ns * exponential(&mut random);
+                        flight.attempt(ground, &splice, &demand, most_ns);
+                    }
+                }
+                flight
+            })
+            .collect();
+        self.tried += u64::from(steps) * sectors.len() as u64;
+        self.rounds += 1;
+        self.flight = joined(ground, flights, &sectors);
+        self.adjust_price();
+        self.keep_best();
+    }
+
+    /// The flight in parts, the border between two of them elsewhere in every round.
+    fn sectors(&self) -> Vec<Sector> {
+        let first = usize::from(self.ground.is_start_fixed);
+        let count = self.flight.waypoints.len();
+        let sectors = (self.ground.settings.sectors as usize).min(count / LEAST_SECTOR).max(1);
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        random.set_stream(u64::from(self.rounds) << 8 | 0xff);
+        let shift = if sectors == 1 { 0.0 } else { moves::uniform(&mut random) - 0.5 };
+        // The waypoint at a border belongs to no sector.
+        let border = |k: usize| ((k as f64 + shift) * count as f64 / sectors as f64) as usize;
+        let head = |k: usize| if k == 0 { first } else { border(k) + 1 };
+        let tail = |k: usize| if k + 1 == sectors { 0 } else { count - border(k + 1) };
+        (0..sectors).map(|k| Sector { head: head(k), tail: tail(k) }).collect()
+    }
+
+    /// A sample becomes dearer while samples are missing, and cheaper while there are enough.
+    fn adjust_price(&mut self) {
+        let is_short = match self.aim {
+            Aim::LeastTime { .. } => self.flight.counts.totals().captured < self.demand.required,
+            Aim::MostCoverage { within_ns } => self.flight.duration_ns() < within_ns,
+        };
+        let settings = self.ground.settings;
+        let factor = if is_short { settings.price_rise } else { settings.price_fall };
+        self.demand.price_ns = (self.demand.price_ns * factor).clamp(PRICES_NS.0, PRICES_NS.1);
+    }
+
+    fn keep_best(&mut self) {
+        let (captured, duration_ns) = (self.flight.counts.totals().captured, self.flight.duration_ns());
+        let best = &self.best;
+        let is_better = match self.aim {
+            Aim::LeastTime { .. } => {
+                let required = self.demand.required;
+                (captured.min(required), best.duration_ns) > (best.captured.min(required), duration_ns)
+            }
+            Aim::MostCoverage { within_ns } => {
+                let excess_ns = |duration_ns: u64| duration_ns.saturating_sub(within_ns);
+                (excess_ns(best.duration_ns), captured, best.duration_ns) > (excess_ns(duration_ns), best.captured, duration_ns)
+            }
+        };
+        if is_better {
+            let path = self.flight.path();
+            let problem = self.ground.problem;
+            let cells = |i: &u32| u64::from(self.flight.counts.cells(*i as usize)) * problem.areas_mm2[*i as usize];
+            let information = self.ground.capturable.iter().map(cells).sum();
+            let sums = PathSums { information, ..problem.objective.travel(&path) };
+            let record = Iteration {
+                objective: problem.objective.value(&sums),
+                coverage_percent: problem.coverage_percent(captured),
+                length_m: sums.length_m,
+                turning_s: sums.turning_s,
+            };
+            self.best = Best { path, captured, duration_ns, record };
+        }
+    }
+}
+
+/// The flight whose sectors are those of the workers.
+fn joined(ground: &Ground, mut flights: Vec<Flight>, sectors: &[Sector]) -> Flight {
+    if flights.len() == 1 {
+        return flights.remove(0);
+    }
+    let mut waypoints = Vec::new();
+    for (k, (flight, sector)) in flights.into_iter().zip(sectors).enumerate() {
+        // The waypoint before a sector leaves along the sector's first leg.
+        let from = if k == 0 { 0 } else { sector.head - 1 };
+        let to = flight.waypoints.len() - sector.tail;
+        waypoints.extend(flight.waypoints.into_iter().take(to).skip(from));
+    }
+    Flight::of_waypoints(ground, waypoints)
+}

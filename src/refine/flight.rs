@@ -1,0 +1,180 @@
+//! A flight under improvement: its waypoints with all that follows from them, kept up to date change by change.
+
+use std::sync::Arc;
+
+use super::counts::CellCounts;
+use super::draft::{Draft, Splice, Stop};
+use super::ground::{Ground, Look};
+use super::sights::Sights;
+use super::timeline::{Retimed, Timeline};
+use crate::camera::Pose;
+
+/// A flight with what its images cover and how long it takes.
+#[derive(Clone, Debug)]
+pub struct Flight {
+    pub waypoints: Vec<Waypoint>,
+    pub counts: CellCounts,
+    timeline: Timeline,
+    retimed: Retimed,
+}
+
+/// A waypoint with what its image sees, and what those on the leg to the next waypoint see.
+#[derive(Clone, Debug)]
+pub struct Waypoint {
+    pub pose: Pose,
+    seen: Arc<Sights>,
+    leg: Arc<Sights>,
+}
+
+/// What is wanted of a flight, and what it costs to fall short of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Demand {
+    /// Samples that are to be captured.
+    pub required: u32,
+    /// What a missing sample costs, ns.
+    pub price_ns: f64,
+    /// What a sample beyond those is worth, and what all cells of a sample are, as shares of the price.
+    pub surplus_share: f64,
+    pub cells_share: f64,
+}
+
+impl Flight {
+    pub fn new(ground: &Ground, path: &[Pose]) -> Self {
+        let waypoint = |k: usize| Waypoint {
+            pose: path[k],
+            seen: ground.at_waypoint(&path[k], Look::Rays),
+            leg: path.get(k + 1).map_or_else(|| Arc::clone(&ground.nothing), |next| ground.on_leg(&path[k], next, Look::Rays)),
+        };
+        Self::of_waypoints(ground, (0..path.len()).map(waypoint).collect())
+    }
+
+    /// A flight whose waypoints see what they say.
+    pub fn of_waypoints(ground: &Ground, waypoints: Vec<Waypoint>) -> Self {
+        let mut counts = ground.counts();
+        for Waypoint { seen, leg, .. } in &waypoints {
+            counts.add(seen);
+            counts.add(leg);
+        }
+        let path: Vec<Pose> = waypoints.iter().map(|waypoint| waypoint.pose).collect();
+        let timeline = Timeline::new(ground.limits.clone(), &path);
+        Self { waypoints, counts, timeline, retimed: Retimed::default() }
+    }
+
+    /// Its corners.
+    pub fn path(&self) -> Vec<Pose> {
+        self.waypoints.iter().map(|waypoint| waypoint.pose).collect()
+    }
+
+    /// Time of the speed profile.
+    pub fn duration_ns(&self) -> u64 {
+        self.timeline.total_ns()
+    }
+
+    /// Makes a change if it keeps all limits and raises the costs, time and shortfall together, by no more than `most_ns`; a change that
+    /// is not made leaves no trace.
+    pub fn attempt(&mut self, ground: &Ground, splice: &Splice, demand: &Demand, most_ns: f64) -> bool {
+        let Self { waypoints, counts, timeline, retimed } = self;
+        let draft = Draft::new(waypoints, splice, ground.is_rigid);
+        if draft.count < 2 || !draft.new_legs().all(|k| ground.is_flyable(&draft.pose(k), &draft.pose(k + 1))) {
+            return false;
+        }
+        timeline.retime(retimed, splice.range.clone(), splice.stops.len(), |k| draft.pose(k));
+        // Time and shortfall may grow by so much together.
+        let most_shortfall_ns = demand.shortfall_ns(counts) + most_ns - (retimed.total_ns as f64 - timeline.total_ns() as f64);
+        let is_safe = |k: usize| ground.problem.free.is_leg_safe(&draft.pose(k).position, &draft.pose(k + 1).position);
+        if demand.least_shortfall_ns(counts) > most_shortfall_ns || !draft.new_legs().all(is_safe) {
+            return false;
+        }
+
+        let dropped = Sighted::dropped(waypoints, &draft);
+        dropped.iter().for_each(|sights| counts.remove(sights));
+        let mut made = Sighted::made(ground, &draft, Look::Field);
+        if counts.is_full(made.iter().map(Sights::images).sum()) {
+            dropped.iter().for_each(|sights| counts.add(sights));
+            return false;
+        }
+        made.iter().for_each(|sights| counts.add(sights));
+        if demand.shortfall_ns(counts) <= most_shortfall_ns {
+            // The field promises enough. What counts is what the images really see.
+            made.iter().for_each(|sights| counts.remove(sights));
+            made = Sighted::made(ground, &draft, Look::Rays);
+            made.iter().for_each(|sights| counts.add(sights));
+        }
+        if demand.shortfall_ns(counts) > most_shortfall_ns {
+            made.iter().for_each(|sights| counts.remove(sights));
+            dropped.iter().for_each(|sights| counts.add(sights));
+            return false;
+        }
+        let fresh = made.waypoints(ground, waypoints, &draft);
+        waypoints.splice(draft.touched().start..splice.range.end, fresh);
+        timeline.commit(retimed);
+        true
+    }
+}
+
+impl Demand {
+    /// What is missing costs, ns. A cell is worth its share of a sample, so that half a sample draws towards the whole one.
+    pub fn shortfall_ns(&self, counts: &CellCounts) -> f64 {
+        let totals = counts.totals();
+        self.price_ns * (self.missing(totals.captured) + self.cells_share * counts.missing_samples())
+    }
+
+    /// The least that any flight could have.
+    fn least_shortfall_ns(&self, counts: &CellCounts) -> f64 {
+        self.price_ns * self.missing(counts.countable())
+    }
+
+    fn missing(&self, captured: u32) -> f64 {
+        let missing = f64::from(self.required) - f64::from(captured);
+        if missing < 0.0 { missing * self.surplus_share } else { missing }
+    }
+}
+
+/// What images see that come or go with a change: those at waypoints and those on legs, with their numbers.
+struct Sighted {
+    waypoints: Vec<(usize, Arc<Sights>)>,
+    legs: Vec<(usize, Arc<Sights>)>,
+}
+
+impl Sighted {
+    fn dropped(waypoints: &[Waypoint], draft: &Draft) -> Self {
+        let (stops, legs) = draft.dropped();
+        Self {
+            waypoints: stops.into_iter().map(|old| (old, Arc::clone(&waypoints[old].seen))).collect(),
+            legs: legs.into_iter().map(|old| (old, Arc::clone(&waypoints[old].leg))).collect(),
+        }
+    }
+
+    fn made(ground: &Ground, draft: &Draft, look: Look) -> Self {
+        let stops = draft.touched().filter_map(|k| match draft.stop(k) {
+            Stop::New(pose) => Some((k, ground.at_waypoint(&pose, look))),
+            Stop::Kept(_) => None,
+        });
+        let legs = draft.new_legs().map(|k| (k, ground.on_leg(&draft.pose(k), &draft.pose(k + 1), look)));
+        Self { waypoints: stops.collect(), legs: legs.collect() }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &Sights> {
+        self.waypoints.iter().chain(&self.legs).map(|(_, sights)| sights.as_ref())
+    }
+
+    /// The waypoints that the change touches, as they will be.
+    fn waypoints(self, ground: &Ground, old: &[Waypoint], draft: &Draft) -> Vec<Waypoint> {
+        let (mut stops, mut legs) = (self.waypoints.into_iter(), self.legs.into_iter());
+        let waypoint = |k: usize| {
+            let seen = match draft.stop(k) {
+                Stop::Kept(stop) => Arc::clone(&old[stop].seen),
+                Stop::New(_) => stops.next().expect("every new waypoint has its sights").1,
+            };
+            let leg = if k + 1 == draft.count {
+                Arc::clone(&ground.nothing)
+            } else if let Some(same) = draft.same_leg(k) {
+                Arc::clone(&old[same].leg)
+            } else {
+                legs.next().expect("every new leg has its sights").1
+            };
+            Waypoint { pose: draft.pose(k), seen, leg }
+        };
+        draft.touched().map(waypoint).collect()
+    }
+}

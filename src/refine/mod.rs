@@ -1,0 +1,111 @@
+//! Beyond the paper: the flight of the tree search is improved by local search on its waypoints and view directions.
+//!
+//! The tree finds a feasible flight fast, but hangs every waypoint at random. Here waypoints are removed, inserted, moved, turned, reversed and
+//! put elsewhere, always with the images all along the path, and a change stays when it saves time without losing coverage. Visibility
+//! comes from the field while a change is judged and from rays before it is made, so that the search cannot profit from the field's errors.
+
+mod annealing;
+mod counts;
+mod draft;
+mod flight;
+mod ground;
+mod moves;
+mod sights;
+mod timeline;
+
+pub use annealing::{Aim, Annealing, Best};
+pub use ground::Ground;
+
+use crate::camera::Pose;
+use crate::search::{Outcome, Progress, StopReason};
+use crate::stop::StopToken;
+
+/// How long a flight is improved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Budget {
+    Rounds(u32),
+    /// About so many seconds by the clock of the stop token, counted from when the work on the plan began. They only decide how many
+    /// rounds there are: the same number of rounds gives the same flight again.
+    Seconds(f64),
+}
+
+/// Rounds before it is decided how many fit into the seconds.
+const WARM_UP: u32 = 8;
+
+/// Later rounds take this share of the time of the first ones: the flight is shorter then, and fewer changes are accepted.
+const LATER_SHARE: f64 = 0.75;
+
+/// What is added when the finished flight misses samples that its images were to capture: rounds as a share of all, and how often.
+const REPAIR_SHARE: f64 = 0.05;
+const REPAIRS: u32 = 3;
+
+/// Improves a flight round by round. `confirm` counts the capturable samples that the finished flight really captures; when some are
+/// missing, that many more are demanded.
+pub fn refine(
+    ground: &Ground,
+    path: &[Pose],
+    aim: Aim,
+    budget: Budget,
+    seed: u64,
+    stop: &StopToken,
+    confirm: &dyn Fn(&[Pose]) -> u32,
+    on_progress: &mut dyn FnMut(&Progress),
+) -> Outcome {
+    let mut annealing = Annealing::new(ground, path, aim, seed);
+    let mut convergence = Vec::new();
+    let mut round = |annealing: &mut Annealing, temperature_s: f64, rounds: u32| {
+        annealing.round(temperature_s * 1e9);
+        let record = annealing.record();
+        convergence.push(record);
+        on_progress(&Progress {
+            iteration: convergence.len() as u32,
+            iterations: rounds.max(convergence.len() as u32),
+            coverage_percent: record.coverage_percent,
+            length_m: record.length_m,
+            objective: record.objective,
+        });
+    };
+    let mut rounds = match budget {
+        Budget::Rounds(rounds) => rounds,
+        Budget::Seconds(_) => u32::MAX,
+    };
+    let begun_s = stop.elapsed_s();
+    let mut done = 0;
+    while done < rounds && !stop.is_stopped() {
+        round(&mut annealing, temperature_s(ground, done, rounds), rounds);
+        done += 1;
+        if done == WARM_UP
+            && let (Budget::Seconds(seconds), Some(begun_s), Some(now_s)) = (budget, begun_s, stop.elapsed_s())
+        {
+            let round_s = (now_s - begun_s) / f64::from(WARM_UP) * LATER_SHARE;
+            rounds = done + ((seconds - now_s).max(0.0) / round_s.max(1e-6)) as u32;
+        }
+    }
+    let mut reason = if stop.is_stopped() { StopReason::Cancelled } else { StopReason::IterationsUsed };
+    if let Aim::LeastTime { required } = aim {
+        for _ in 0..REPAIRS {
+            let missing = required.saturating_sub(confirm(&annealing.best().path));
+            if missing == 0 && annealing.best().captured >= required {
+                reason = StopReason::GoalReached;
+            }
+            if missing == 0 || annealing.best().captured < annealing.required() || stop.is_stopped() {
+                break;
+            }
+            annealing.demand_more(missing);
+            for _ in 0..(f64::from(rounds) * REPAIR_SHARE).ceil() as u32 {
+                round(&mut annealing, ground.settings.coldest_s, rounds);
+            }
+        }
+    }
+    Outcome { path: annealing.best().path.clone(), convergence, stop: reason }
+}
+
+/// From the hottest to the coldest, by equal factors; hottest while it is not known how many rounds there will be.
+fn temperature_s(ground: &Ground, done: u32, rounds: u32) -> f64 {
+    let [hottest, coldest] = [ground.settings.hottest_s, ground.settings.coldest_s];
+    if done < WARM_UP || rounds <= WARM_UP + 1 {
+        return hottest;
+    }
+    let share = f64::from(done - WARM_UP) / f64::from(rounds - WARM_UP - 1);
+    hottest * libm::pow(coldest / hottest, share)
+}

@@ -1,0 +1,408 @@
+//! Changes of a flight that are tried, at random.
+
+use nalgebra::{Point3, Unit, Vector3, center};
+use rand_chacha::ChaCha8Rng;
+use rand_core::Rng;
+
+use super::annealing::Sector;
+use super::draft::{Splice, Stop};
+use super::flight::Flight;
+use super::ground::Ground;
+use crate::camera::Pose;
+use crate::search::leg::slerp;
+
+/// A kind of change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Move {
+    /// Leaves out a waypoint, or a few in a row.
+    Remove,
+    RemoveRun,
+    /// Splits a leg at a waypoint somewhere near it.
+    Insert,
+    /// Goes to see a sample that is missing: by a new waypoint, or with the nearest one.
+    Visit,
+    Divert,
+    /// Moves a waypoint, or two in parallel, or one towards the chord of its neighbours.
+    Shift,
+    ShiftLeg,
+    Straighten,
+    /// Turns the view of a waypoint, or of a few alike, or towards a sample that is missing.
+    Turn,
+    TurnRun,
+    Aim,
+    /// Flies a part of the path the other way round.
+    Reverse,
+    /// Gives a few waypoints another place in the order.
+    Relocate,
+    /// Exchanges two waypoints.
+    Swap,
+    /// Makes two waypoints one.
+    Merge,
+}
+
+/// How often each kind is tried, in parts of all. Twice or half as often made no difference that could be measured on the block of
+/// NY-1's size.
+const WEIGHTS: [(Move, f64); 15] = [
+    (Move::Remove, 2.0),
+    (Move::RemoveRun, 0.5),
+    (Move::Insert, 1.5),
+    (Move::Visit, 1.5),
+    (Move::Divert, 0.5),
+    (Move::Shift, 4.0),
+    (Move::ShiftLeg, 0.75),
+    (Move::Straighten, 1.0),
+    (Move::Turn, 2.5),
+    (Move::TurnRun, 0.5),
+    (Move::Aim, 1.0),
+    (Move::Reverse, 0.75),
+    (Move::Relocate, 0.75),
+    (Move::Swap, 0.25),
+    (Move::Merge, 0.5),
+];
+
+/// Standard deviations of a shift, m.
+const SHIFTS_M: [f64; 3] = [1.5, 4.0, 12.0];
+
+/// Waypoints that are left out, turned or relocated together, at most.
+const LONGEST_RUN: usize = 5;
+
+/// A number of 0..1.
+pub fn uniform(random: &mut ChaCha8Rng) -> f64 {
+    (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Exponentially distributed with mean 1.
+pub fn exponential(random: &mut ChaCha8Rng) -> f64 {
+    -libm::log(1.0 - uniform(random))
+}
+
+fn below(random: &mut ChaCha8Rng, count: usize) -> usize {
+    ((uniform(random) * count as f64) as usize).min(count - 1)
+}
+
+/// About normally distributed in each coordinate with standard deviation 1.
+fn normal(random: &mut ChaCha8Rng) -> Vector3<f64> {
+    let mut one = || 2.0 * (uniform(random) + uniform(random) + uniform(random) - 1.5);
+    Vector3::new(one(), one(), one())
+}
+
+/// Proposes a change within a sector; `false` when the one that was drawn is not possible here.
+pub fn propose(ground: &Ground, flight: &Flight, sector: Sector, random: &mut ChaCha8Rng, splice: &mut Splice) -> bool {
+    splice.stops.clear();
+    let mut proposal = Proposal { ground, flight, sector, random, splice };
+    let kind = proposal.draw();
+    proposal.make(kind).is_some()
+}
+
+struct Proposal<'p> {
+    ground: &'p Ground<'p>,
+    flight: &'p Flight,
+    sector: Sector,
+    random: &'p mut ChaCha8Rng,
+    splice: &'p mut Splice,
+}
+
+impl Proposal<'_> {
+    fn draw(&mut self) -> Move {
+        let total: f64 = WEIGHTS.iter().map(|(_, weight)| weight).sum();
+        let mut left = uniform(self.random) * total;
+        for (kind, weight) in WEIGHTS {
+            left -= weight;
+            if left < 0.0 {
+                return kind;
+            }
+        }
+        Move::Shift
+    }
+
+    /// Fills the splice; nothing when the change is not possible.
+    fn make(&mut self, kind: Move) -> Option<()> {
+        match kind {
+            Move::Remove => self.remove(1),
+            Move::RemoveRun => {
+                let count = 2 + below(self.random, LONGEST_RUN - 1);
+                self.remove(count)
+            }
+            Move::Insert => self.insert(),
+            Move::Visit => self.visit(),
+            Move::Divert => self.divert(),
+            Move::Shift => self.shift(1),
+            Move::ShiftLeg => self.shift(2),
+            Move::Straighten => self.straighten(),
+            Move::Turn => self.turn(1),
+            Move::TurnRun => {
+                let count = 2 + below(self.random, LONGEST_RUN - 1);
+                self.turn(count)
+            }
+            Move::Aim => self.aim(),
+            Move::Reverse => self.reverse(),
+            Move::Relocate => self.relocate(),
+            Move::Swap => self.swap(),
+            Move::Merge => self.merge(),
+        }
+    }
+
+    fn pose(&self, k: usize) -> Pose {
+        self.flight.waypoints[k].pose
+    }
+
+    fn count(&self) -> usize {
+        self.flight.waypoints.len()
+    }
+
+    /// Any waypoint of the sector.
+    fn waypoint(&mut self) -> Option<usize> {
+        let sector = self.sector.of(self.count());
+        (!sector.is_empty()).then(|| sector.start + below(self.random, sector.len()))
+    }
+
+    /// As many waypoints from `at` on as there are up to the end of the sector, at most `count`.
+    fn run(&self, at: usize, count: usize) -> std::ops::Range<usize> {
+        at..(at + count).min(self.sector.of(self.count()).end)
+    }
+
+    /// Adds a waypoint if it is admissible.
+    fn put(&mut self, position: Point3<f64>, direction: Option<Unit<Vector3<f64>>>) -> Option<()> {
+        let pose = Pose { position, direction };
+        self.ground.is_admissible(&pose).then(|| self.splice.stops.push(Stop::New(pose)))
+    }
+
+    fn remove(&mut self, count: usize) -> Option<()> {
+        let at = self.waypoint()?;
+        self.splice.range = self.run(at, count);
+        Some(())
+    }
+
+    fn insert(&mut self) -> Option<()> {
+        let sector = self.sector.of(self.count());
+        let at = sector.start + below(self.random, sector.len() + 1);
+        let share = uniform(self.random);
+        let scale_m = 4.0 + 16.0 * uniform(self.random);
+        let by = normal(self.random) * scale_m;
+        let (position, direction) = match (at.checked_sub(1), at < self.count()) {
+            (Some(before), true) => {
+                let (from, to) = (self.pose(before), self.pose(at));
+                (from.position + (to.position - from.position) * share + by, between(&from, &to, share))
+            }
+            // Beyond an end of the path.
+            (before, _) => {
+                let end = self.pose(before.unwrap_or(0));
+                (end.position + by * 1.5, end.direction)
+            }
+        };
+        let direction = if uniform(self.random) < 0.5 { direction } else { self.another_direction(direction, &position) };
+        self.splice.range = at..at;
+        self.put(position, direction)
+    }
+
+    fn visit(&mut self) -> Option<()> {
+        let (position, direction) = self.view_of_missing()?;
+        let to_m = |k: usize| (self.pose(k).position - position).norm();
+        let detour_m = |at: usize| match (at.checked_sub(1), at < self.count()) {
+            (Some(before), true) => to_m(before) + to_m(at) - (self.pose(at).position - self.pose(before).position).norm(),
+            (before, _) => to_m(before.unwrap_or(0)),
+        };
+        let sector = self.sector.of(self.count());
+        let at = (sector.start..=sector.end).map(|at| (detour_m(at), at)).min_by(|a, b| a.0.total_cmp(&b.0))?.1;
+        self.splice.range = at..at;
+        self.put(position, direction)
+    }
+
+    fn divert(&mut self) -> Option<()> {
+        let (position, direction) = self.view_of_missing()?;
+        let away = |k: usize| (self.pose(k).position - position).norm_squared();
+        let at = self.sector.of(self.count()).map(|k| (away(k), k)).min_by(|a, b| a.0.total_cmp(&b.0))?.1;
+        self.splice.range = at..at + 1;
+        self.put(position, direction)
+    }
+
+    fn shift(&mut self, count: usize) -> Option<()> {
+        let at = self.waypoint()?;
+        let mut by = normal(self.random) * SHIFTS_M[below(self.random, SHIFTS_M.len())];
+        if uniform(self.random) < 0.3 {
+            by.z = 0.0;
+        }
+        self.splice.range = self.run(at, count);
+        self.splice.range.clone().try_for_each(|k| self.put(self.pose(k).position + by, self.pose(k).direction))
+    }
+
+    fn straighten(&mut self) -> Option<()> {
+        let at = self.waypoint().filter(|&at| at > 0 && at + 1 < self.count())?;
+        let [before, here, after] = [at - 1, at, at + 1].map(|k| self.pose(k).position);
+        let chord = after - before;
+        let share = ((here - before).dot(&chord) / chord.norm_squared().max(1e-9)).clamp(0.0, 1.0);
+        let by = (before + chord * share - here) * uniform(self.random);
+        self.splice.range = at..at + 1;
+        self.put(here + by, self.pose(at).direction)
+    }
+
+    fn turn(&mut self, count: usize) -> Option<()> {
+        let at = self.waypoint()?;
+        let Pose { position, direction } = self.pose(at);
+        let direction = self.another_direction(direction, &position)?;
+        self.look_along(at, count, direction)
+    }
+
+    fn aim(&mut self) -> Option<()> {
+        if !self.ground.problem.rig.has_gimbal() {
+            return None;
+        }
+        let i = self.missing_sample()?;
+        let frame = &self.ground.problem.frames[i];
+        let target = frame.position + normal(self.random) * AIM_SPREAD_M;
+        // The first one that could see it, from any waypoint on.
+        let sector = self.sector.of(self.count());
+        let from = self.waypoint()?;
+        let at = (from..sector.end)
+            .chain(sector.start..from)
+            .find(|&k| self.ground.problem.disks.faces(frame, &self.pose(k).position))?;
+        let direction = self.ground.aimed(&self.pose(at).position, &target)?;
+        self.look_along(at, 1, direction)
+    }
+
+    fn look_along(&mut self, at: usize, count: usize, direction: Unit<Vector3<f64>>) -> Option<()> {
+        self.splice.range = self.run(at, count);
+        let turned =
+            self.splice.range.clone().map(|k| Stop::New(Pose { direction: Some(direction), ..self.flight.waypoints[k].pose }));
+        self.splice.stops.extend(turned);
+        self.ground.problem.rig.reaches(&direction).then_some(())
+    }
+
+    fn reverse(&mut self) -> Option<()> {
+        let at = self.waypoint()?;
+        let other = self.neighbour(at)?;
+        let (low, high) = (at.min(other), at.max(other));
+        // `at` and `other` become neighbours, over the leg behind the one or before the other.
+        let range = if uniform(self.random) < 0.5 { low + 1..high + 1 } else { low..high };
+        self.splice.stops.extend(range.clone().rev().map(Stop::Kept));
+        self.splice.range = range;
+        (self.splice.range.len() >= 2).then_some(())
+    }
+
+    fn relocate(&mut self) -> Option<()> {
+        let at = self.waypoint()?;
+        let count = 1 + below(self.random, LONGEST_RUN - 1);
+        let run = self.run(at, count);
+        let other = self.neighbour(at)?;
+        let place = other + usize::from(uniform(self.random) < 0.5);
+        let is_turned = uniform(self.random) < 0.5;
+        if (run.start..=run.end).contains(&place) {
+            return None;
+        }
+        let moved = |k: usize| Stop::Kept(if is_turned { run.end - 1 - k } else { run.start + k });
+        let stops = &mut self.splice.stops;
+        if place < run.start {
+            stops.extend((0..run.len()).map(moved));
+            stops.extend((place..run.start).map(Stop::Kept));
+            self.splice.range = place..run.end;
+        } else {
+            stops.extend((run.end..place).map(Stop::Kept));
+            stops.extend((0..run.len()).map(moved));
+            self.splice.range = run.start..place;
+        }
+        Some(())
+    }
+
+    fn swap(&mut self) -> Option<()> {
+        let at = self.waypoint()?;
+        let other = self.neighbour(at)?;
+        let (low, high) = (at.min(other), at.max(other));
+        self.splice.range = low..high + 1;
+        let swapped = |k: usize| {
+            Stop::Kept(if k == low {
+                high
+            } else if k == high {
+                low
+            } else {
+                k
+            })
+        };
+        self.splice.stops.extend((low..=high).map(swapped));
+        Some(())
+    }
+
+    fn merge(&mut self) -> Option<()> {
+        let at = self.waypoint()?;
+        self.splice.range = self.run(at, 2);
+        if self.splice.range.len() < 2 {
+            return None;
+        }
+        let (a, b) = (self.pose(at), self.pose(at + 1));
+        self.put(center(&a.position, &b.position), between(&a, &b, 0.5))
+    }
+
+    /// A waypoint of the sector that is near another one in space: the nearest of a few.
+    fn neighbour(&mut self, at: usize) -> Option<usize> {
+        let here = self.pose(at).position;
+        let mut nearest = None;
+        for _ in 0..NEIGHBOUR_TRIES {
+            let k = self.waypoint()?;
+            let squared = (self.pose(k).position - here).norm_squared();
+            if k != at && nearest.is_none_or(|(least, _)| squared < least) {
+                nearest = Some((squared, k));
+            }
+        }
+        nearest.map(|(_, k)| k)
+    }
+
+    /// A sample that is not captured although it can be.
+    fn missing_sample(&mut self) -> Option<usize> {
+        let capturable = &self.ground.capturable;
+        if capturable.is_empty() {
+            return None;
+        }
+        (0..MISSING_TRIES)
+            .map(|_| capturable[below(self.random, capturable.len())] as usize)
+            .find(|&i| !self.flight.counts.is_captured(i))
+    }
+
+    /// A place that the field shows a missing sample from, and a view towards it.
+    fn view_of_missing(&mut self) -> Option<(Point3<f64>, Option<Unit<Vector3<f64>>>)> {
+        let i = self.missing_sample()?;
+        let (problem, seers) = (self.ground.problem, &self.ground.seers[i]);
+        if seers.is_empty() {
+            return None;
+        }
+        let j = seers[below(self.random, seers.len())] as usize;
+        let mut jitter = || uniform(self.random) - 0.5;
+        let offset = Vector3::new(jitter(), jitter(), jitter()) * problem.field.facts.lattice_spacing_m;
+        let position = Point3::from(problem.field.viewpoints[j].position_m) + offset;
+        if !problem.rig.has_gimbal() {
+            return Some((position, None));
+        }
+        let target = problem.frames[i].position + normal(self.random) * AIM_SPREAD_M;
+        Some((position, Some(self.ground.aimed(&position, &target)?)))
+    }
+
+    /// Another view direction for a place: one of the discretised ones, one towards any sample in range, or one near the present one.
+    fn another_direction(&mut self, now: Option<Unit<Vector3<f64>>>, position: &Point3<f64>) -> Option<Unit<Vector3<f64>>> {
+        let problem = self.ground.problem;
+        let now = now.filter(|_| problem.rig.has_gimbal())?;
+        match below(self.random, 4) {
+            0 => Some(problem.view_directions[below(self.random, problem.view_directions.len())]),
+            1 => {
+                let range_m = problem.disks.range_m();
+                let targets = (0..TARGET_TRIES).map(|_| problem.frames[below(self.random, problem.frames.len())].position);
+                let target = targets.into_iter().find(|target| (target - position).norm() < range_m);
+                target.and_then(|target| self.ground.aimed(position, &target)).or(Some(now))
+            }
+            _ => {
+                let scale = 0.1 + 0.4 * uniform(self.random);
+                self.ground.within_reach(&(now.into_inner() + normal(self.random) * scale))
+            }
+        }
+    }
+}
+
+/// Draws until something that is looked for is given up.
+const NEIGHBOUR_TRIES: usize = 6;
+const MISSING_TRIES: usize = 24;
+const TARGET_TRIES: usize = 8;
+
+/// How far beside a sample a view towards it aims, standard deviation in m: a sample seen with its surroundings is worth more.
+const AIM_SPREAD_M: f64 = 5.0;
+
+fn between(from: &Pose, to: &Pose, share: f64) -> Option<Unit<Vector3<f64>>> {
+    let (first, last) = from.direction.zip(to.direction)?;
+    Some(slerp(&first, &last, share))
+}

@@ -386,4 +386,76 @@ mod tests {
             prop_assert!(profile.duration_s() <= stops + 2.0 * (path.len() - 2) as f64 + 1e-6);
         }
     }
+
+    proptest! {
+        #[test]
+        fn the_flown_curve_has_no_gaps_and_keeps_every_limit(
+            corners in prop::collection::vec([-60.0..60.0f64, -60.0..60.0, 5.0..60.0], 2..7), rig in 0usize..3, deviation_m in 0.0..3.0f64,
+        ) {
+            let Settings { flight, dynamics, .. } = Settings::default();
+            let path = path(&corners);
+            let limits = Limits::new(&Rig::preset(["panoramic", "m300-oblique", "phantom4-rtk"][rig]).unwrap(), &flight, &dynamics);
+            let profile = Profile::rounded(&path, &limits, &vec![deviation_m; path.len()]);
+            let steps = 4000;
+            let step_s = profile.duration_s() / f64::from(steps);
+            let at = |k: u32| profile.at(step_s * f64::from(k)).unwrap();
+            let most_mps2 = dynamics.acceleration_mps2.max(dynamics.lateral_mps2);
+            let (mut flown_m, mut before_mps2) = (0.0, 0.0);
+            for k in 0..steps {
+                let (now, next) = (at(k), at(k + 1));
+                let (speed_mps, next_mps) = (now.velocity_mps.norm(), next.velocity_mps.norm());
+                prop_assert!(speed_mps <= limits.cruise_mps + 1e-9);
+                let change = next.velocity_mps - now.velocity_mps;
+                prop_assert!(change.norm() <= most_mps2 * step_s * (1.0 + 1e-6) + 1e-7, "{} m/s^2", change.norm() / step_s);
+                let mean = (now.velocity_mps + next.velocity_mps) / 2.0;
+                let off_m = (next.position_m - now.position_m - mean * step_s).norm();
+                prop_assert!(off_m <= most_mps2 * step_s * step_s + 1e-7, "a gap of {} m at {} s", off_m, now.time_s);
+                let mps2 = (next_mps - speed_mps) / step_s;
+                prop_assert!(mps2.abs() <= dynamics.acceleration_mps2 * (1.0 + 1e-6) + 1e-7 / step_s);
+                let jerk = (mps2 - before_mps2) / step_s;
+                prop_assert!(jerk.abs() <= dynamics.jerk_mps3 * (1.0 + 1e-6) + 1e-7 / step_s / step_s, "{} m/s^3", jerk);
+                before_mps2 = mps2;
+                flown_m += (next.position_m - now.position_m).norm();
+            }
+            let length_m: f64 = path.windows(2).map(|ends| (ends[1].position - ends[0].position).norm()).sum();
+            prop_assert!(flown_m <= length_m + 1e-6);
+            for (leg, ends) in path.windows(2).enumerate() {
+                let leg_m = (ends[1].position - ends[0].position).norm();
+                for step in 0..=10 {
+                    let passed = profile.passing(leg, leg_m * f64::from(step) / 10.0).unwrap();
+                    let there = profile.at(passed.time_s).unwrap();
+                    prop_assert!((passed.position_m - there.position_m).norm() < 1e-6 && (passed.time_s - there.time_s).abs() < 1e-12);
+                    // On the leg, or beside it on an arc.
+                    let on_leg = ends[0].position + (ends[1].position - ends[0].position) * (f64::from(step) / 10.0);
+                    prop_assert!((passed.position_m - on_leg).norm() <= 2.0 * deviation_m + 1e-6);
+                }
+            }
+        }
+
+        #[test]
+        fn local_rules_add_up_to_the_profile(
+            corners in prop::collection::vec([-60.0..60.0f64, -60.0..60.0, 5.0..60.0], 2..7), rig in 0usize..3,
+        ) {
+            let Settings { flight, dynamics, .. } = Settings::default();
+            let rig = Rig::preset(["panoramic", "m300-oblique", "phantom4-rtk"][rig]).unwrap();
+            let path = path(&corners);
+            let limits = Limits::new(&rig, &flight, &dynamics);
+            let legs_m: Vec<f64> = path.windows(2).map(|ends| (ends[1].position - ends[0].position).norm()).collect();
+            let leg_mps: Vec<f64> = path.windows(2).map(|ends| limits.leg_mps(&ends[0], &ends[1])).collect();
+            let mut turns = vec![Corner::default(); path.len()];
+            for k in 1..path.len() - 1 {
+                turns[k] = limits.corner(&path[k - 1], &path[k], &path[k + 1], leg_mps[k - 1].min(leg_mps[k]));
+            }
+            bound_speeds(&limits, &mut turns, &legs_m);
+            let sum_s: f64 = (0..legs_m.len()).map(|k| limits.leg_s(legs_m[k], &[turns[k], turns[k + 1]], leg_mps[k])).sum();
+            let profile = Profile::new(&path, &rig, &flight, &dynamics);
+            prop_assert!((sum_s - profile.duration_s()).abs() < 1e-9, "{} s, but {} s", sum_s, profile.duration_s());
+            // Every speed can be reached from the one before and left for the one behind.
+            for (k, ends) in turns.windows(2).enumerate() {
+                for [from, to] in [[&ends[0], &ends[1]], [&ends[1], &ends[0]]] {
+                    prop_assert!(to.speed_mps <= limits.reachable_mps(from.speed_mps, legs_m[k], [&ends[0], &ends[1]]) + 1e-9);
+                }
+            }
+        }
+    }
 }

@@ -43,7 +43,7 @@ impl Curve {
 
     /// The ends of the straight part of a leg.
     pub fn straight(&self, leg: usize) -> [Point3<f64>; 2] {
-        [self.arcs[leg].end(), self.arcs[leg + 1].start]
+        [self.arcs[leg].ends()[1], self.arcs[leg + 1].start]
     }
 }
 
@@ -72,8 +72,15 @@ impl Arc {
         (position, self.ahead * cos + self.inward * sin)
     }
 
-    fn end(&self) -> Point3<f64> {
-        self.at(self.deviation_rad).0
+    /// Where it leaves the first leg and where it meets the second one.
+    pub fn ends(&self) -> [Point3<f64>; 2] {
+        [self.start, self.at(self.deviation_rad).0]
+    }
+
+    /// How far it passes from the straight line between its ends, m.
+    pub fn sagitta_m(&self) -> f64 {
+        let sin_quarter = libm::sin(self.deviation_rad / 4.0);
+        2.0 * self.radius_m * sin_quarter * sin_quarter
     }
 
     /// Triangles that together hold the arc, as the chord and the two tangents of each piece of it; the chords keep within `sagitta_m` of the

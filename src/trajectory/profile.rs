@@ -338,6 +338,23 @@ mod tests {
     }
 
     #[test]
+    fn at_a_stop_the_drone_waits_at_the_waypoint_and_turns_its_nose() {
+        let there_and_back = path(&[[0.0, 0.0, 30.0], [100.0, 0.0, 30.0], [0.0, 0.0, 30.0]]);
+        let profile = profile("m300-oblique", &there_and_back);
+        // 16.5 s there, 180 degrees at 90 degrees a second, 16.5 s back.
+        let arriving = profile.passing(0, 100.0).unwrap();
+        assert!((arriving.time_s - 16.5).abs() < 1e-6 && arriving.heading == Vector3::x_axis());
+        for (time_s, azimuth_deg) in [(16.6, 81.0), (17.5, 0.0), (18.4, -81.0)] {
+            let passage = profile.at(time_s).unwrap();
+            assert_eq!((passage.position_m, passage.velocity_mps), (there_and_back[1].position, Vector3::zeros()), "{time_s} s");
+            let turned_deg = libm::atan2(passage.heading.x, passage.heading.y.abs()).to_degrees();
+            assert!((turned_deg - azimuth_deg).abs() < 1e-3, "{turned_deg} after {time_s} s");
+        }
+        assert_eq!(arriving.position_m, there_and_back[1].position);
+        assert!(profile.at(18.6).unwrap().velocity_mps.x < 0.0);
+    }
+
+    #[test]
     fn a_camera_that_turns_far_slows_its_leg_down() {
         let mut leg = path(&[[0.0, 0.0, 30.0], [100.0, 0.0, 30.0]]);
         leg[0].direction = Some(direction_of(0.0, 0.0));

@@ -25,6 +25,8 @@ pub enum UnsafeCurve {
 /// Arcs are checked by the triangles of chords and tangents; a chord keeps this close to its arc, m. All sides of the triangles keep the safety
 /// distance, so that an arc between them falls short of it by no more than a centimetre squared over twice that distance: 10 micrometres at 5 m.
 const SAGITTA_M: f64 = 1e-2;
+/// Points of an arc for what has no edge, m: a hole that lets an arc in is wider than twice the safety distance.
+const COARSE_SAGITTA_M: f64 = 0.1;
 /// An arc that is not safe is tried again at half the distance from its corner, this often; then the drone stops there.
 const HALVINGS: i32 = 5;
 
@@ -81,15 +83,33 @@ pub fn check_views(rig: &Rig, images: &[Image]) -> Result<(), UnsafeCurve> {
 /// Why an arc between two safe legs is not safe. It lies within the triangle of its corner and its ends, so that it keeps the limits of the
 /// flight, which are convex, where these do.
 fn arc_obstruction(arc: &Arc, free: &FreeSpace) -> Option<Obstruction> {
+    let [start, end] = arc.ends();
+    // Most arcs are far from everything: one look at the whole arc is enough, but for zones, of which some are thinner than an arc, and for what
+    // lies behind a large hole of a mesh.
+    if free.clearance.keeps_distance(&start, &end, free.safety_distance_m + arc.sagitta_m()) {
+        let around =
+            arc.points(COARSE_SAGITTA_M).find_map(|p| free.structure_around(&p).map(|s| Obstruction::Inside(s.name.clone())));
+        return around.or_else(|| arc.hull(SAGITTA_M).flatten().find_map(|[from, to]| free.zone_between(&from, &to)));
+    }
     arc.hull(SAGITTA_M).flatten().find_map(|[from, to]| free.obstruction_between(&from, &to))
 }
 
 fn least_distance_m(curve: &Curve, free: &FreeSpace) -> f64 {
-    let arcs = curve.arcs.iter().flat_map(|arc| arc.hull(SAGITTA_M)).flatten();
-    let segments: Vec<[Point3<f64>; 2]> = (0..curve.legs()).map(|leg| curve.straight(leg)).chain(arcs).collect();
-    let ground = segments.iter().flatten().chain(curve.waypoints.first()).map(|p| p.z).fold(f64::INFINITY, f64::min);
-    let first = curve.waypoints.first().map_or(ground, |p| free.clearance.point_distance_m(p, ground));
-    segments.iter().fold(first, |least, [from, to]| free.clearance.segment_distance_m(from, to, least))
+    let clearance = &free.clearance;
+    let distance_m = |least_m: f64, [from, to]: [Point3<f64>; 2]| clearance.segment_distance_m(&from, &to, least_m);
+    let lowest_m = |points: &mut dyn Iterator<Item = Point3<f64>>| points.map(|p| p.z).fold(f64::INFINITY, f64::min);
+    let sides = || curve.arcs.iter().flat_map(|arc| arc.hull(SAGITTA_M)).flatten().flatten();
+    // A curve of straight parts and arcs is lowest at a waypoint or on an arc.
+    let ground_m = lowest_m(&mut sides().chain(curve.arcs.iter().flat_map(Arc::ends)));
+    let first_m = curve.waypoints.first().map_or(ground_m, |p| clearance.point_distance_m(p, ground_m.min(p.z)));
+    let of_legs_m = (0..curve.legs()).map(|leg| curve.straight(leg)).fold(first_m.min(ground_m), distance_m);
+    curve.arcs.iter().fold(of_legs_m, |least_m, arc| {
+        let [start, end] = arc.ends();
+        if clearance.keeps_distance(&start, &end, least_m + arc.sagitta_m()) {
+            return least_m;
+        }
+        arc.hull(SAGITTA_M).flatten().fold(least_m, distance_m)
+    })
 }
 
 #[cfg(test)]

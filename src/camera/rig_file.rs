@@ -221,6 +221,13 @@ mod tests {
     }
 
     #[test]
+    fn a_camera_that_states_no_exposure_takes_the_usual_one() {
+        let phantom = include_str!("../../config/rigs/phantom4-rtk.toml");
+        let exposure_s = |line: &str| Rig::parse(&phantom.replacen("exposure_s = 0.001 ", line, 1)).map(|rig| rig.exposure_s);
+        assert_eq!(["#", "exposure_s = 0.002 "].map(exposure_s), [Ok(0.001), Ok(0.002)]);
+    }
+
+    #[test]
     fn impossible_rigs_are_named() {
         let phantom = include_str!("../../config/rigs/phantom4-rtk.toml");
         let oblique = include_str!("../../config/rigs/m300-oblique.toml");

@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
+use super::curve::Arc;
 use super::limits::Limits;
 use super::profile::Profile;
 use crate::camera::{Intrinsics, Pose, Rig, View};
@@ -49,14 +50,17 @@ impl Plan {
         self.limits.map(|limits| Profile::rounded(&path, &limits, &deviations_m))
     }
 
-    /// Points of the curve that is flown, so near to each other that the lines between them keep within a centimetre of it, and the waypoint
-    /// that each of them comes behind. Without limits the corners are all that is known.
+    /// Points of the curve that is flown, so near to each other that the lines between them keep within a centimetre of it (wide arcs: within 1/200 of
+    /// what they may pass from their corner), and the waypoint that each of them comes behind. Without limits the corners are all that is known.
     pub fn flown_points(&self) -> Vec<(Point3<f64>, usize)> {
         let Some(profile) = self.profile() else {
             return self.waypoints.iter().enumerate().map(|(index, waypoint)| (waypoint.position_m, index)).collect();
         };
-        let arcs = profile.curve().arcs.iter().enumerate();
-        arcs.flat_map(|(index, arc)| arc.points(0.01).map(move |point| (point, index))).collect()
+        let arcs = profile.curve().arcs.iter().zip(&self.waypoints).enumerate();
+        let points = |(index, (arc, waypoint)): (usize, (&Arc, &Waypoint))| {
+            arc.points((waypoint.deviation_m / 200.0).max(0.01)).map(move |point| (point, index))
+        };
+        arcs.flat_map(points).collect()
     }
 
     /// Whether sample `i` of the field can be captured by this rig at all; `threshold_cells` is the field's.

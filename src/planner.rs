@@ -11,6 +11,8 @@ use crate::search::objective::PathSums;
 use crate::search::{Problem, SearchError, search};
 use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::trajectory::evaluate::{self, Capture};
+use crate::trajectory::images::Exposed;
+use crate::trajectory::limits::Limits;
 use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, Waypoint};
 use crate::trajectory::profile::Profile;
 use crate::trajectory::route::{Found, Route};
@@ -183,17 +185,22 @@ pub fn plan(
         Method::Zhou => baseline::zhou::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
     };
 
-    let profile = Profile::new(&route.waypoints, rig, &settings.flight, &settings.dynamics);
-    let mut images = images::expose(&route, rig, &profile);
+    let limits = Limits::new(rig, &settings.flight, &settings.dynamics);
+    let deviations_m = safety::deviations_m(&route.waypoints, &limits, &snapshot.free);
+    let profile = Profile::rounded(&route.waypoints, &limits, &deviations_m);
+    let Exposed { mut images, delayed, dropped } = images::expose(&route, rig, &profile);
     let sightings = evaluate::sightings(snapshot, &images, stop).ok_or(PlanError::Abandoned)?;
     let capture = sightings.capture(&problem, |_| true);
     // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
     let at_start = sightings.capture(&problem, |image| image < rig.camera_count() as u32);
     let selected = select::select(&problem, &sightings, images.len());
     images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
-    let curve: Vec<_> = route.waypoints.iter().map(|pose| pose.position).collect();
-    let clearance_m = safety::check(&curve, &snapshot.free)?;
+    let clearance_m = safety::check(profile.curve(), &snapshot.free)?;
     safety::check_views(rig, &images)?;
+    let blur_px = images::blur_px(&images, rig, &profile, &snapshot.free.clearance);
+    let figures = metrics(&problem, settings, &route, &profile, &capture, &at_start);
+    let waypoint =
+        |(pose, &deviation_m): (&Pose, &f64)| Waypoint { position_m: pose.position, direction: pose.direction, deviation_m };
 
     Ok(Plan {
         scene: SceneStamp { name: snapshot.scene.name.clone(), origin: snapshot.scene.frame.origin, revision: snapshot.revision },
@@ -201,8 +208,9 @@ pub fn plan(
         rig: rig.name.clone(),
         method: options.method.name().to_owned(),
         cameras: Camera::all_of(rig),
-        metrics: metrics(&problem, settings, &route, &profile, &capture, &at_start),
-        waypoints: route.waypoints.iter().map(|pose| Waypoint { position_m: pose.position, direction: pose.direction }).collect(),
+        metrics: Metrics { delayed_exposures: delayed, dropped_exposures: dropped, blur_px, ..figures },
+        limits: Some(limits),
+        waypoints: route.waypoints.iter().zip(&deviations_m).map(waypoint).collect(),
         images,
         cells: capture.cells,
         ceilings: problem.ceilings,
@@ -262,8 +270,10 @@ fn refined(
 
 /// Capturable samples that a path captures, by exact rays from its images.
 fn captured(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &[Pose], stop: &StopToken) -> u32 {
-    let profile = Profile::new(path, &problem.rig, &settings.flight, &settings.dynamics);
-    let images = images::expose(&Route::continuous(path, &problem.rig, problem.image_spacing_m), &problem.rig, &profile);
+    let limits = Limits::new(&problem.rig, &settings.flight, &settings.dynamics);
+    let profile = Profile::rounded(path, &limits, &safety::deviations_m(path, &limits, &snapshot.free));
+    let route = Route::continuous(path, &problem.rig, problem.image_spacing_m);
+    let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
     evaluate::sightings(snapshot, &images, stop).map_or(0, |sightings| sightings.capture(problem, |_| true).captured)
 }
 
@@ -321,5 +331,6 @@ fn metrics(
         capturable_percent: capture.capturable_percent,
         information: problem.objective.gain(capture.information),
         objective: problem.objective.value(&path),
+        ..Metrics::default()
     }
 }

@@ -81,6 +81,8 @@ pub struct FlightSettings {
 pub struct DynamicsSettings {
     /// Along the path, m/s^2.
     pub acceleration_mps2: f64,
+    /// Most change of the acceleration along the path, m/s^3.
+    pub jerk_mps3: f64,
     /// Across the path in corners, m/s^2.
     pub lateral_mps2: f64,
     /// How far a corner's arc may pass from the corner, m.

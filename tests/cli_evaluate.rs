@@ -9,7 +9,7 @@ use serde_json::Value;
 fn planned() -> Place {
     let place = Place::new();
     let scene = place.scene();
-    place.json(&["plan", &scene, "--rig", "phantom4-rtk", "--iterations", "120", "--out", "out"]);
+    place.json(&["plan", &scene, "--rig", "phantom4-rtk", "--iterations", "120", "--seed", "2", "--out", "out"]);
     place
 }
 

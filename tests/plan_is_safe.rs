@@ -7,7 +7,7 @@ use overfly::camera::{Cameras, Rig, direction_of};
 use overfly::field::Snapshot;
 use overfly::planner::{Method, PlanError, PlanOptions, StopToken, plan};
 use overfly::settings::{NoFlySetting, Settings};
-use overfly::trajectory::plan::{Image, Plan};
+use overfly::trajectory::plan::Plan;
 use parry3d::math::Vector;
 use parry3d::query::PointQuery;
 use proptest::prelude::*;
@@ -47,11 +47,11 @@ proptest! {
         let plan = plan_with(&rigs()[seed as usize % rigs().len()], &snapshot, &settings, seed);
         prop_assert!(plan.waypoints.len() > 2);
         let mut least = f64::INFINITY;
-        for leg in plan.waypoints.windows(2) {
-            let (a, b) = (leg[0].position_m, leg[1].position_m);
-            let steps = ((b - a).norm() / 0.5).ceil() as usize;
+        let profile = plan.profile().expect("a plan says how it was timed");
+        let steps = (profile.duration_s() / 0.05).ceil() as usize;
+        {
             for k in 0..=steps {
-                let p = a + (b - a) * (k as f64 / steps as f64);
+                let p = profile.at(profile.duration_s() * k as f64 / steps as f64).unwrap().position_m;
                 let distance = triangles.iter().map(|t| t.distance_to_local_point(single(&p), false)).fold(f32::INFINITY, f32::min);
                 least = least.min(f64::from(distance)).min(p.z);
                 prop_assert!(f64::from(distance) >= 5.0 - 1e-3, "{p} is {distance} m from a structure");
@@ -62,6 +62,10 @@ proptest! {
             }
         }
         prop_assert!(plan.clearance_m <= least + 1e-3 && plan.clearance_m >= least - 0.5, "{} against {least}", plan.clearance_m);
+        for (waypoint, arc) in plan.waypoints.iter().zip(&profile.curve().arcs) {
+            let passed_m = (arc.at(arc.deviation_rad / 2.0).0 - waypoint.position_m).norm();
+            prop_assert!(passed_m <= waypoint.deviation_m + 1e-9 && waypoint.deviation_m <= settings.dynamics.corner_deviation_m);
+        }
     }
 
     #[test]
@@ -87,17 +91,19 @@ proptest! {
                     keeps_turning_limits(&plan, &rig, &settings)?;
                 }
                 Cameras::Rigid(mounts) => {
-                    for (leg, images) in by_leg(&plan) {
-                        let along = plan.waypoints[leg + 1].position_m - plan.waypoints[leg].position_m;
-                        let azimuth = along.x.atan2(along.y);
-                        for image in images {
-                            let mount = &mounts[image.camera as usize];
-                            let (yaw, pitch) = (azimuth + mount.yaw_deg.to_radians(), mount.pitch_deg.to_radians());
-                            let axis = Vector3::new(yaw.sin() * pitch.cos(), yaw.cos() * pitch.cos(), pitch.sin());
-                            prop_assert!((axis - image.direction.unwrap().into_inner()).norm() < 1e-9, "{} on leg {leg}", mount.name);
-                            let ahead = Vector3::new(yaw.sin(), yaw.cos(), 0.0);
-                            prop_assert!(image.up.z > -1e-9 && image.up.dot(&ahead) > 0.0 && image.up.dot(&axis).abs() < 1e-9);
+                    let profile = plan.profile().unwrap();
+                    for image in plan.images.iter().skip(mounts.len()) {
+                        let ahead = profile.at(image.time_s).unwrap().velocity_mps;
+                        if ahead.xy().norm() < 1e-3 {
+                            continue;
                         }
+                        let azimuth = ahead.x.atan2(ahead.y);
+                        let mount = &mounts[image.camera as usize];
+                        let (yaw, pitch) = (azimuth + mount.yaw_deg.to_radians(), mount.pitch_deg.to_radians());
+                        let axis = Vector3::new(yaw.sin() * pitch.cos(), yaw.cos() * pitch.cos(), pitch.sin());
+                        prop_assert!((axis - image.direction.unwrap().into_inner()).norm() < 1e-6, "{} at {} s", mount.name, image.time_s);
+                        let ahead = Vector3::new(yaw.sin(), yaw.cos(), 0.0);
+                        prop_assert!(image.up.z > -1e-9 && image.up.dot(&ahead) > 0.0 && image.up.dot(&axis).abs() < 1e-6);
                     }
                 }
             }
@@ -105,45 +111,38 @@ proptest! {
     }
 }
 
-/// The images taken on each leg, without those at the start of the flight: they lie on it in the order of the flight.
-fn by_leg(plan: &Plan) -> Vec<(usize, Vec<Image>)> {
-    let mut images = plan.images.iter().skip(plan.cameras.len());
-    let mut legs = Vec::new();
-    for (leg, ends) in plan.waypoints.windows(2).enumerate() {
-        let mut of_leg = Vec::new();
-        // Every leg ends with one image of each camera at its end.
-        for image in images.by_ref() {
-            of_leg.push(*image);
-            let is_last = image.camera as usize + 1 == plan.cameras.len();
-            if is_last && image.position_m == ends[1].position_m {
-                break;
-            }
-        }
-        assert!(of_leg.last().is_some_and(|image| image.position_m == ends[1].position_m), "leg {leg} has no image at its end");
-        legs.push((leg, of_leg));
-    }
-    assert!(images.next().is_none(), "an image lies on no leg");
-    legs
-}
-
 fn keeps_turning_limits(plan: &Plan, rig: &Rig, settings: &Settings) -> Result<(), TestCaseError> {
     let dynamics = &settings.dynamics;
     let most_rad_s = dynamics.yaw_rate_dps.min(dynamics.gimbal_rate_dps).to_radians().min(rig.blur_limit_rad_s);
-    let most_rad_per_m = most_rad_s / settings.flight.cruise_speed_mps;
     prop_assert_eq!(plan.images[0].direction, plan.waypoints[0].direction);
-    let mut before = plan.images[0];
-    for (leg, images) in by_leg(plan) {
-        let mut turned_rad = 0.0;
-        for image in images {
-            let turn_rad = before.direction.unwrap().angle(&image.direction.unwrap());
-            let flown_m = (image.position_m - before.position_m).norm();
-            prop_assert!(turn_rad <= flown_m * most_rad_per_m + 1e-7, "{turn_rad} rad on {flown_m} m of leg {leg}");
-            turned_rad += turn_rad;
-            before = image;
-        }
-        prop_assert!(turned_rad <= settings.search.view_turn_deg.to_radians() + 1e-6, "{turned_rad} rad on leg {leg}");
-        prop_assert_eq!(before.direction, plan.waypoints[leg + 1].direction);
+    for pair in plan.images.windows(2) {
+        let turn_rad = pair[0].direction.unwrap().angle(&pair[1].direction.unwrap());
+        let flown_s = pair[1].time_s - pair[0].time_s;
+        prop_assert!(turn_rad <= flown_s * most_rad_s + 1e-6, "{} rad in {} s before {} s", turn_rad, flown_s, pair[1].time_s);
     }
+    for (leg, ends) in plan.waypoints.windows(2).enumerate() {
+        let turn_rad = ends[0].direction.unwrap().angle(&ends[1].direction.unwrap());
+        prop_assert!(turn_rad <= settings.search.view_turn_deg.to_radians() + 1e-6, "{} rad on leg {}", turn_rad, leg);
+    }
+    has_an_image_at_every_corner(plan)
+}
+
+/// Where an arc passes the corner, the camera looks as the waypoint says.
+fn has_an_image_at_every_corner(plan: &Plan) -> Result<(), TestCaseError> {
+    let profile = plan.profile().unwrap();
+    let mut found = 1;
+    for (leg, ends) in plan.waypoints.windows(2).enumerate() {
+        let passed = profile.passing(leg, (ends[1].position_m - ends[0].position_m).norm()).unwrap();
+        let image = plan.images.iter().find(|image| (image.time_s - passed.time_s).abs() < 1e-9);
+        found += usize::from(image.is_some());
+        if let Some(image) = image {
+            prop_assert_eq!(image.direction, ends[1].direction);
+            prop_assert!((image.position_m - passed.position_m).norm() < 1e-9);
+            prop_assert!((image.position_m - ends[1].position_m).norm() <= ends[1].deviation_m + 1e-9);
+        }
+    }
+    let shifted = (plan.metrics.delayed_exposures + plan.metrics.dropped_exposures) as usize;
+    prop_assert!(found + shifted >= plan.waypoints.len(), "{} of {} corners, {} shifted", found, plan.waypoints.len(), shifted);
     Ok(())
 }
 

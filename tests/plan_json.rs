@@ -2,9 +2,12 @@
 
 mod block;
 
-use nalgebra::{Unit, Vector3};
+use nalgebra::{Point3, Unit, Vector3};
+use overfly::camera::Rig;
 use overfly::mission::run_json::{Engine, Machine, Run};
-use overfly::mission::{plan_json, run_json};
+use overfly::mission::{plan_json, plan_read, run_json};
+use overfly::settings::Settings;
+use overfly::trajectory::limits::Limits;
 use overfly::trajectory::plan::{Camera, Image, Plan, RunTimes};
 use overfly_table::FieldTable;
 use proptest::prelude::*;
@@ -28,11 +31,21 @@ fn the_keys_stand_in_the_documented_order() {
         "waypoints",
         "position_m",
         "direction",
+        "deviation_m",
         "images",
         "up",
         "camera",
         "time_s",
         "selected",
+        "limits",
+        "turning",
+        "cruise_mps",
+        "dynamics",
+        "jerk_mps3",
+        "trajectory",
+        "time_s",
+        "position_m",
+        "velocity_mps",
         "metrics",
         "length_m",
         "movement_s",
@@ -41,6 +54,9 @@ fn the_keys_stand_in_the_documented_order() {
         "profile_s",
         "images",
         "selected_images",
+        "delayed_exposures",
+        "dropped_exposures",
+        "blur_px",
         "coverage_percent",
         "coverage_exposed_percent",
         "capturable_percent",
@@ -53,6 +69,44 @@ fn the_keys_stand_in_the_documented_order() {
         rest = &rest[place + key.len()..];
     }
     assert!(!rest.contains("\": "), "there are more keys: {rest}");
+}
+
+#[test]
+fn the_trajectory_follows_from_waypoints_and_limits_and_may_be_missing() {
+    let plan = plan();
+    let file = parse(&plan);
+    let rows = file["trajectory"].as_array().unwrap();
+    let number = |value: &Value| value.as_f64().unwrap();
+    let point = |value: &Value| Point3::new(number(&value[0]), number(&value[1]), number(&value[2]));
+    let profile = plan.profile().unwrap();
+    assert_eq!(point(&rows[0]["position_m"]), plan.waypoints[0].position_m);
+    for row in rows {
+        let passage = profile.at(number(&row["time_s"])).unwrap();
+        assert!((point(&row["position_m"]) - passage.position_m).norm() < 1e-9);
+        assert!((point(&row["velocity_mps"]).coords - passage.velocity_mps).norm() < 1e-9);
+    }
+    assert!((number(&rows[rows.len() - 1]["time_s"]) - profile.duration_s()).abs() < 1e-6);
+    let read = plan_read::read("plan.json", &plan_json::to_bytes(&plan)).unwrap();
+    assert_eq!(plan_json::to_bytes(&read), plan_json::to_bytes(&plan));
+    let silent = Plan { limits: None, ..plan };
+    let bytes = plan_json::to_bytes(&silent);
+    assert!(parse(&silent).get("trajectory").is_none() && parse(&silent).get("limits").is_none());
+    assert_eq!(plan_read::read("plan.json", &bytes).unwrap().limits, None);
+}
+
+#[test]
+fn limits_that_no_drone_has_are_refused() {
+    let text = String::from_utf8(plan_json::to_bytes(&plan())).unwrap();
+    for (good, bad, named) in [
+        ("\"jerk_mps3\":4.0", "\"jerk_mps3\":0.0", "limits"),
+        ("\"cruise_mps\":8.0", "\"cruise_mps\":1e300", "limits"),
+        ("\"turning\":\"nothing\"", "\"turning\":\"wings\"", "limits.turning"),
+        ("\"deviation_m\":1.0", "\"deviation_m\":-1.0", "deviation_m"),
+    ] {
+        assert!(text.contains(good), "{good}");
+        let error = plan_read::read("plan.json", text.replacen(good, bad, 1).as_bytes()).expect_err(bad).to_string();
+        assert!(error.contains(named), "{bad} gave {error}");
+    }
 }
 
 #[test]
@@ -134,7 +188,9 @@ proptest! {
 
 fn plan() -> Plan {
     let blocks = block::field(&block::city(2, 2));
-    block::plan(&FieldTable::open(&blocks).unwrap())
+    let Settings { flight, dynamics, .. } = Settings::default();
+    let limits = Limits::new(&Rig::preset("panoramic").unwrap(), &flight, &dynamics);
+    Plan { limits: Some(limits), ..block::plan(&FieldTable::open(&blocks).unwrap()) }
 }
 
 fn parse(plan: &Plan) -> Value {

@@ -227,9 +227,10 @@ fn a_stopped_assessment_has_no_result() {
 #[test]
 fn a_path_is_followed_through_a_truth_that_is_not_its_proxy() {
     let (plan, settings) = small_plan("panoramic");
-    let curve: Vec<_> = plan.waypoints.iter().map(|waypoint| waypoint.position_m).collect();
+    let curve: Vec<_> = plan.flown_points().into_iter().map(|(point, _)| point).collect();
     let own = quality::flown(&truth(small_block(8), &settings), &curve, 5.0);
-    assert!((own.clearance_m - plan.clearance_m).abs() < 1e-9 && !own.collides && !own.too_near, "{own:?}");
+    // The plan's own figure errs to the safe side where it lies on an arc.
+    assert!((-0.01..0.03).contains(&(own.clearance_m - plan.clearance_m)) && !own.collides && !own.too_near, "{own:?}");
 
     let truth = truth(slab(10.0), &settings);
     let over = |z_m: f64| quality::flown(&truth, &[Point3::new(-60.0, 1.0, z_m), Point3::new(60.0, 1.0, z_m)], 5.0);

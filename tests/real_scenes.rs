@@ -70,11 +70,12 @@ fn check_distances(snapshot: &Snapshot, settings: &Settings, plan: &Plan) {
         .flat_map(|structure| structure.triangles())
         .map(|[a, b, c]| Triangle::new(single(&a), single(&b), single(&c)))
         .collect();
-    for leg in plan.waypoints.windows(2) {
-        let (a, b) = (leg[0].position_m, leg[1].position_m);
-        let steps = ((b - a).norm() / 4.0).ceil().max(1.0);
+    let profile = plan.profile().expect("a plan says how it was timed");
+    for piece in profile.pieces() {
+        // Fast or slow, no more than 4 m from point to point.
+        let steps = ((piece.end_s - piece.start_s) * settings.flight.cruise_speed_mps / 4.0).ceil().max(1.0);
         for k in 0..=steps as usize {
-            let p: Point3<f64> = a + (b - a) * (k as f64 / steps);
+            let p = profile.at(piece.start_s + (piece.end_s - piece.start_s) * (k as f64 / steps)).unwrap().position_m;
             let distances = triangles.iter().map(|triangle| triangle.distance_to_local_point(single(&p), false));
             let distance_m = f64::from(distances.fold(f32::INFINITY, f32::min)).min(p.z);
             assert!(distance_m >= settings.flight.safety_distance_m - 1e-3, "{p} is {distance_m} m from a structure");
@@ -138,15 +139,12 @@ fn check_flight(file: &str, options: &PlanOptions, least_percent: f64) -> Option
 
 /// Every image lies on the path, looks where the rig can look, and comes after the one before.
 fn check_views(snapshot: &Snapshot, rig: &Rig, plan: &Plan) {
-    let ends = || plan.waypoints.windows(2).map(|leg| (leg[0].position_m, leg[1].position_m));
+    let profile = plan.profile().expect("a plan says how it was timed");
     for image in &plan.images {
         let direction = image.direction.expect("these cameras look somewhere");
         assert!(!rig.has_gimbal() || rig.reaches(&direction), "{direction:?}");
-        let off_m = |(a, b): (Point3<f64>, Point3<f64>)| {
-            let along = ((image.position_m - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
-            (image.position_m - (a + (b - a) * along)).norm()
-        };
-        assert!(ends().map(off_m).fold(f64::INFINITY, f64::min) < 1e-6, "{} is not on the path", image.position_m);
+        let off_m = (image.position_m - profile.at(image.time_s).unwrap().position_m).norm();
+        assert!(off_m < 1e-6, "{} is not on the path", image.position_m);
         assert!(snapshot.free.obstruction_at(&image.position_m).is_none());
     }
     assert!(plan.images.windows(2).all(|pair| pair[0].time_s <= pair[1].time_s));

@@ -16,6 +16,8 @@ pub struct Rig {
     pub shutter_interval_s: f64,
     /// Most angular speed at which turning does not smear an image, rad/s; infinite for a panorama.
     pub blur_limit_rad_s: f64,
+    /// The longest exposure of its cameras, s.
+    pub exposure_s: f64,
     pub battery: Option<Battery>,
 }
 

@@ -76,10 +76,16 @@ struct CameraEntry {
     focal_mm: f64,
     sensor_mm: [f64; 2],
     pixels: [u32; 2],
+    #[serde(default = "usual_exposure_s")]
     exposure_s: f64,
     blur_px: f64,
     yaw_deg: Option<f64>,
     pitch_deg: Option<f64>,
+}
+
+/// 1/1000 s: common advice for mapping in daylight, and short enough for the flight at 8 m/s.
+fn usual_exposure_s() -> f64 {
+    0.001
 }
 
 impl RigFile {
@@ -128,6 +134,7 @@ impl RigFile {
             cameras: self.cameras()?,
             shutter_interval_s: self.shutter_interval_s,
             blur_limit_rad_s: self.camera.iter().map(blur).fold(f64::INFINITY, f64::min),
+            exposure_s: self.camera.iter().map(|camera| camera.exposure_s).reduce(f64::max).unwrap_or_else(usual_exposure_s),
             battery: self.battery,
         })
     }
@@ -211,6 +218,13 @@ mod tests {
             assert_eq!(Rig::preset(name).map(|rig| rig.name).as_deref(), Ok(name));
         }
         assert!(matches!(Rig::preset("phantom5"), Err(RigError::Unknown(_))));
+    }
+
+    #[test]
+    fn a_camera_that_states_no_exposure_takes_the_usual_one() {
+        let phantom = include_str!("../../config/rigs/phantom4-rtk.toml");
+        let exposure_s = |line: &str| Rig::parse(&phantom.replacen("exposure_s = 0.001 ", line, 1)).map(|rig| rig.exposure_s);
+        assert_eq!(["#", "exposure_s = 0.002 "].map(exposure_s), [Ok(0.001), Ok(0.002)]);
     }
 
     #[test]

@@ -99,8 +99,9 @@ fn assess(
     meter.stage(&format!("casting the rays of {} images to {} samples", shots.len(), truth.samples().len()));
     let quality = quality::assess(&truth, &shots, settings, stop).ok_or(Failure::Interrupted)?;
     meter.stage("following the path");
-    let curve: Vec<_> = plan.waypoints.iter().map(|waypoint| waypoint.position_m).collect();
+    let (curve, behind): (Vec<_>, Vec<usize>) = plan.flown_points().into_iter().unzip();
     let flown = quality::flown(&truth, &curve, settings.flight.safety_distance_m);
+    let flown = Flown { leg: behind.get(flown.leg).copied().unwrap_or(0), ..flown };
     let notes = notes(given, &truth, &flown, settings);
     Ok(Assessed { summary: quality.summary(), plan, truth, quality, flown, notes })
 }

@@ -11,6 +11,7 @@ use serde_json::Value;
 use crate::camera::Intrinsics;
 use crate::frame::Geodetic;
 use crate::trajectory::plan::{Camera, Image, Plan, Waypoint};
+use crate::trajectory::samples::{Sample, samples};
 
 /// Version of the format, the first key of the file.
 pub const FORMAT: &str = "overfly-plan/1";
@@ -20,6 +21,9 @@ pub fn to_bytes(plan: &Plan) -> Vec<u8> {
     let scene = SceneEntry { name: &plan.scene.name, origin: plan.scene.origin, revision: plan.scene.revision };
     let waypoints: Vec<String> = plan.waypoints.iter().map(|waypoint| json(&waypoint_entry(waypoint))).collect();
     let images: Vec<String> = plan.images.iter().map(|image| json(&image_entry(plan, image))).collect();
+    let profile = plan.profile();
+    let trajectory: Option<Vec<String>> =
+        profile.map(|profile| samples(&profile).iter().map(|sample| json(&sample_entry(sample))).collect());
     let members = [
         ("format", json(&FORMAT)),
         ("scene", json(&scene)),
@@ -29,9 +33,12 @@ pub fn to_bytes(plan: &Plan) -> Vec<u8> {
         ("cameras", json(&plan.cameras.iter().map(camera_entry).collect::<Vec<_>>())),
         ("waypoints", one_per_line(&waypoints)),
         ("images", one_per_line(&images)),
+        ("limits", plan.limits.map_or(String::new(), |limits| json(&limits))),
+        ("trajectory", trajectory.map_or(String::new(), |rows| one_per_line(&rows))),
         ("metrics", json(&metrics_entry(plan))),
     ];
-    let lines: Vec<String> = members.iter().map(|(key, value)| format!("  \"{key}\": {value}")).collect();
+    let given = members.iter().filter(|(_, value)| !value.is_empty());
+    let lines: Vec<String> = given.map(|(key, value)| format!("  \"{key}\": {value}")).collect();
     format!("{{\n{}\n}}\n", lines.join(",\n")).into_bytes()
 }
 
@@ -59,6 +66,14 @@ struct CameraEntry<'a> {
 struct WaypointEntry {
     position_m: [f64; 3],
     direction: Option<[f64; 3]>,
+    deviation_m: f64,
+}
+
+#[derive(Serialize)]
+struct SampleEntry {
+    time_s: f64,
+    position_m: [f64; 3],
+    velocity_mps: [f64; 3],
 }
 
 #[derive(Serialize)]
@@ -85,6 +100,9 @@ struct MetricsEntry {
     battery_percent: Option<f64>,
     images: usize,
     selected_images: usize,
+    delayed_exposures: u32,
+    dropped_exposures: u32,
+    blur_px: f64,
     coverage_percent: f64,
     coverage_exposed_percent: f64,
     capturable_percent: f64,
@@ -97,7 +115,19 @@ fn camera_entry(camera: &Camera) -> CameraEntry<'_> {
 }
 
 fn waypoint_entry(waypoint: &Waypoint) -> WaypointEntry {
-    WaypointEntry { position_m: point(&waypoint.position_m), direction: waypoint.direction.map(|direction| vector(&direction)) }
+    WaypointEntry {
+        position_m: point(&waypoint.position_m),
+        direction: waypoint.direction.map(|direction| vector(&direction)),
+        deviation_m: plain_zero(waypoint.deviation_m),
+    }
+}
+
+fn sample_entry(sample: &Sample) -> SampleEntry {
+    SampleEntry {
+        time_s: plain_zero(sample.time_s),
+        position_m: point(&sample.position_m),
+        velocity_mps: vector(&sample.velocity_mps),
+    }
 }
 
 fn image_entry<'a>(plan: &'a Plan, image: &Image) -> ImageEntry<'a> {
@@ -124,6 +154,9 @@ fn metrics_entry(plan: &Plan) -> MetricsEntry {
         battery_percent: metrics.battery_percent,
         images: plan.images.len(),
         selected_images: plan.selected_images(),
+        delayed_exposures: metrics.delayed_exposures,
+        dropped_exposures: metrics.dropped_exposures,
+        blur_px: metrics.blur_px,
         coverage_percent: metrics.coverage_percent,
         coverage_exposed_percent: metrics.coverage_exposed_percent,
         capturable_percent: metrics.capturable_percent,

@@ -6,6 +6,7 @@ use serde::{Deserialize, Deserializer};
 use super::plan_json::FORMAT;
 use crate::camera::Intrinsics;
 use crate::frame::Geodetic;
+use crate::trajectory::limits::{Limits, MOST_DEVIATION_M};
 use crate::trajectory::plan::{Camera, Image, Metrics, Plan, SceneStamp, StopReason, Waypoint};
 
 /// Most images, waypoints or cameras that a plan may have.
@@ -91,6 +92,8 @@ struct PlanEntry {
     cameras: Vec<CameraEntry>,
     waypoints: Vec<WaypointEntry>,
     images: Vec<ImageEntry>,
+    /// The trajectory follows from limits and waypoints, and is not read.
+    limits: Option<Limits>,
     metrics: MetricsEntry,
 }
 
@@ -116,6 +119,8 @@ struct WaypointEntry {
     position_m: [f64; 3],
     #[serde(deserialize_with = "present")]
     direction: Option<[f64; 3]>,
+    #[serde(default)]
+    deviation_m: f64,
 }
 
 #[derive(Deserialize)]
@@ -144,6 +149,12 @@ struct MetricsEntry {
     capturable_percent: f64,
     information: f64,
     objective: f64,
+    #[serde(default)]
+    delayed_exposures: u32,
+    #[serde(default)]
+    dropped_exposures: u32,
+    #[serde(default)]
+    blur_px: f64,
 }
 
 /// A key that may be null, but must stand there.
@@ -166,6 +177,9 @@ impl PlanEntry {
                 return wrong("scene.origin".to_owned(), "it is no place on the Earth");
             }
         }
+        if self.limits.is_some_and(|limits| !limits.are_sound()) {
+            return wrong("limits".to_owned(), "they lie beyond what a drone can fly by");
+        }
         let cameras = self.cameras.into_iter().enumerate().map(|(index, camera)| camera.camera(index));
         let cameras: Vec<Camera> = cameras.collect::<Result<_, _>>()?;
         let waypoints = self.waypoints.into_iter().enumerate().map(|(index, waypoint)| waypoint.waypoint(index));
@@ -179,6 +193,7 @@ impl PlanEntry {
             images: images.collect::<Result<_, _>>()?,
             cameras,
             metrics: self.metrics.metrics(),
+            limits: self.limits,
             cells: Vec::new(),
             ceilings: Vec::new(),
             goal_percent: 0.0,
@@ -210,7 +225,11 @@ impl CameraEntry {
 impl WaypointEntry {
     fn waypoint(self, index: usize) -> Result<Waypoint, Wrong> {
         let key = |name: &str| format!("waypoints[{index}].{name}");
+        if !(0.0..=MOST_DEVIATION_M).contains(&self.deviation_m) {
+            return wrong(key("deviation_m"), format!("{} m is no distance of an arc from its corner", self.deviation_m));
+        }
         Ok(Waypoint {
+            deviation_m: self.deviation_m,
             position_m: position(self.position_m, || key("position_m"))?,
             direction: self.direction.map(|direction| unit(direction, || key("direction"))).transpose()?,
         })
@@ -263,6 +282,9 @@ impl MetricsEntry {
             capturable_percent: self.capturable_percent,
             information: self.information,
             objective: self.objective,
+            delayed_exposures: self.delayed_exposures,
+            dropped_exposures: self.dropped_exposures,
+            blur_px: self.blur_px,
         }
     }
 }

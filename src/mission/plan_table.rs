@@ -1,11 +1,15 @@
 //! Plans as tables: what the daemon publishes, and the way back.
 
 use nalgebra::{Point3, Unit, Vector3};
-use overfly_table::plan::{CameraRow, CellsRow, ImageRow, IterationRow, MetricsRow, PlanCounts, PlanFacts, WaypointRow};
+use overfly_table::plan::{
+    CameraRow, CellsRow, ImageRow, IterationRow, LimitsRow, MetricsRow, PlanCounts, PlanFacts, WaypointRow,
+};
 use overfly_table::{Block, PlanTable};
 
 use crate::camera::Intrinsics;
 use crate::frame::Geodetic;
+use crate::settings::DynamicsSettings;
+use crate::trajectory::limits::{Limits, MOST_DEVIATION_M, Turning};
 use crate::trajectory::plan::{Camera, Image, Iteration, Metrics, Plan, RunTimes, SceneStamp, StopReason, Waypoint};
 
 /// Why a table is not a plan.
@@ -21,6 +25,8 @@ pub enum PlanTableError {
     Text { missing: &'static str },
     #[error("an image names camera {camera}, but the rig has {cameras}")]
     Camera { camera: u32, cameras: usize },
+    #[error("the plan's {what} lie beyond what a drone can fly by")]
+    Limits { what: &'static str },
     #[error("the plan counts {counted} waypoints but holds {held}")]
     Count { counted: u64, held: usize },
 }
@@ -75,6 +81,7 @@ pub fn from_table(table: &PlanTable<'_>) -> Result<(Plan, RunTimes), PlanTableEr
         images: table.images.iter().map(|row| image(row, cameras.len())).collect::<Result<_, _>>()?,
         cameras,
         metrics: metrics(&facts.metrics)?,
+        limits: limits(&facts.limits)?,
         cells: table.cells.iter().map(|row| row.covered).collect(),
         ceilings: table.cells.iter().map(|row| row.ceiling).collect(),
         goal_percent: finite("goal", facts.goal_percent)?,
@@ -90,6 +97,7 @@ fn facts(plan: &Plan, times: &RunTimes) -> PlanFacts {
     let of_origin = |value: fn(&Geodetic) -> f64| origin.as_ref().map_or(0.0, value);
     PlanFacts {
         metrics: metrics_row(&plan.metrics, plan.waypoints.len()),
+        limits: plan.limits.as_ref().map_or_else(LimitsRow::default, limits_row),
         revision: plan.scene.revision,
         seed: plan.seed,
         iterations: plan.convergence.len() as u64,
@@ -122,11 +130,15 @@ fn metrics_row(metrics: &Metrics, waypoints: usize) -> MetricsRow {
         capturable_percent: metrics.capturable_percent,
         information: metrics.information,
         objective: metrics.objective,
+        delayed_exposures: metrics.delayed_exposures.into(),
+        dropped_exposures: metrics.dropped_exposures.into(),
+        blur_px: metrics.blur_px,
     }
 }
 
 fn metrics(row: &MetricsRow) -> Result<Metrics, PlanTableError> {
     let figure = |value| finite("metrics", value);
+    let count = |code| u32::try_from(code).map_err(|_| PlanTableError::Code { what: "metrics", code });
     Ok(Metrics {
         length_m: figure(row.length_m)?,
         movement_s: figure(row.movement_s)?,
@@ -139,7 +151,48 @@ fn metrics(row: &MetricsRow) -> Result<Metrics, PlanTableError> {
         capturable_percent: figure(row.capturable_percent)?,
         information: figure(row.information)?,
         objective: figure(row.objective)?,
+        delayed_exposures: count(row.delayed_exposures)?,
+        dropped_exposures: count(row.dropped_exposures)?,
+        blur_px: figure(row.blur_px)?,
     })
+}
+
+fn limits_row(limits: &Limits) -> LimitsRow {
+    let dynamics = &limits.dynamics;
+    LimitsRow {
+        turning: match limits.turning {
+            Turning::Nothing => 1,
+            Turning::View => 2,
+            Turning::Nose => 3,
+        },
+        cruise_mps: limits.cruise_mps,
+        acceleration_mps2: dynamics.acceleration_mps2,
+        jerk_mps3: dynamics.jerk_mps3,
+        lateral_mps2: dynamics.lateral_mps2,
+        corner_deviation_m: dynamics.corner_deviation_m,
+        yaw_rate_dps: dynamics.yaw_rate_dps,
+        gimbal_rate_dps: dynamics.gimbal_rate_dps,
+    }
+}
+
+fn limits(row: &LimitsRow) -> Result<Option<Limits>, PlanTableError> {
+    let turning = match row.turning {
+        0 => return Ok(None),
+        1 => Turning::Nothing,
+        2 => Turning::View,
+        3 => Turning::Nose,
+        code => return Err(PlanTableError::Code { what: "limits", code }),
+    };
+    let dynamics = DynamicsSettings {
+        acceleration_mps2: row.acceleration_mps2,
+        jerk_mps3: row.jerk_mps3,
+        lateral_mps2: row.lateral_mps2,
+        corner_deviation_m: row.corner_deviation_m,
+        yaw_rate_dps: row.yaw_rate_dps,
+        gimbal_rate_dps: row.gimbal_rate_dps,
+    };
+    let limits = Limits { turning, cruise_mps: row.cruise_mps, dynamics };
+    if limits.are_sound() { Ok(Some(limits)) } else { Err(PlanTableError::Limits { what: "limits" }) }
 }
 
 fn run_times(facts: &PlanFacts) -> Result<RunTimes, PlanTableError> {
@@ -166,6 +219,7 @@ fn waypoint_row(waypoint: &Waypoint) -> WaypointRow {
         position_m: waypoint.position_m.into(),
         direction: waypoint.direction.map_or([0.0; 3], |direction| direction.into_inner().into()),
         has_direction: waypoint.direction.is_some().into(),
+        deviation_m: waypoint.deviation_m,
     }
 }
 
@@ -173,6 +227,9 @@ fn waypoint(row: &WaypointRow) -> Result<Waypoint, PlanTableError> {
     Ok(Waypoint {
         position_m: Point3::from(finite3("waypoints", row.position_m)?),
         direction: direction("waypoints", row.has_direction, row.direction)?,
+        deviation_m: Some(row.deviation_m)
+            .filter(|deviation_m| (0.0..=MOST_DEVIATION_M).contains(deviation_m))
+            .ok_or(PlanTableError::Limits { what: "arcs" })?,
     })
 }
 
@@ -335,11 +392,23 @@ mod tests {
     }
 
     prop_compose! {
+        fn the_limits()(
+            turning in prop::sample::select(vec![Turning::Nothing, Turning::View, Turning::Nose]), cruise_mps in 0.1..100.0f64,
+            [acceleration_mps2, jerk_mps3, lateral_mps2, corner_deviation_m, yaw_rate_dps, gimbal_rate_dps] in prop::array::uniform6(0.1..100.0f64),
+        ) -> Limits {
+            let dynamics =
+                DynamicsSettings { acceleration_mps2, jerk_mps3, lateral_mps2, corner_deviation_m, yaw_rate_dps, gimbal_rate_dps };
+            Limits { turning, cruise_mps, dynamics }
+        }
+    }
+
+    prop_compose! {
         fn a_plan()(
             names in prop::array::uniform5(any::<String>()), seed: u64, revision: u64,
             origin in prop::option::of(prop::array::uniform3(number())),
             waypoints in prop::collection::vec((point(), unit()), 0..20),
             images in prop::collection::vec(an_image(), 0..20),
+            deviation_m in 0.0..=100.0f64, limits in prop::option::of(the_limits()), exposures in any::<[u32; 2]>(), blur_px in number(),
             figures in prop::array::uniform10(number()), battery_percent in prop::option::of(0.0..1e4f64),
             lens in prop::option::of((1.0..100.0f64, prop::array::uniform2(1.0..50.0f64), prop::array::uniform2(16u32..9000))), pixel_rad in number(), goal_percent in number(), clearance_m in number(),
             all_cells in prop::collection::vec((any::<u16>(), any::<u16>()), 0..50),
@@ -359,10 +428,10 @@ mod tests {
                     name: scene, origin: origin.map(|[lat_deg, lon_deg, alt_m]| Geodetic { lat_deg, lon_deg, alt_m }), revision },
                 seed, rig, method,
                 cameras: vec![Camera { name: one, intrinsics, pixel_rad }, Camera { name: two, intrinsics: None, pixel_rad: 1e-3 }],
-                waypoints: waypoints.into_iter().map(|(position_m, direction)| Waypoint { position_m, direction }).collect(),
-                images, cells, ceilings, goal_percent, clearance_m, stop,
+                waypoints: waypoints.into_iter().map(|(position_m, direction)| Waypoint { position_m, direction, deviation_m }).collect(),
+                images, cells, ceilings, goal_percent, clearance_m, stop, limits,
                 metrics: Metrics { length_m, movement_s, turning_s, flight_s, profile_s, battery_percent, coverage_percent, coverage_exposed_percent,
-                    capturable_percent, information, objective },
+                    capturable_percent, information, objective, delayed_exposures: exposures[0], dropped_exposures: exposures[1], blur_px },
                 convergence: convergence.into_iter().map(|[objective, coverage_percent, length_m, turning_s]|
                     Iteration { objective, coverage_percent, length_m, turning_s }).collect(),
             }

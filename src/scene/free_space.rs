@@ -92,6 +92,11 @@ impl FreeSpace {
         if let Some(structure) = self.structure_along(a, b) {
             return Some(Obstruction::Inside(structure.name.clone()));
         }
+        self.zone_between(a, b)
+    }
+
+    /// The no-fly zone that the straight line from `a` to `b` enters, if any.
+    pub fn zone_between(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
         self.zones.iter().find(|zone| zone.meets(a, b)).map(|zone| Obstruction::Zone(zone.name.clone()))
     }
 

@@ -97,6 +97,7 @@ impl Settings {
             ("flight.legal_ceiling_m", flight.legal_ceiling_m, 1.0, 10_000.0),
             ("flight.lateral_margin_m", flight.lateral_margin_m, 0.0, 10_000.0),
             ("dynamics.acceleration_mps2", dynamics.acceleration_mps2, 0.01, 100.0),
+            ("dynamics.jerk_mps3", dynamics.jerk_mps3, 0.01, 10_000.0),
             ("dynamics.lateral_mps2", dynamics.lateral_mps2, 0.01, 100.0),
             ("dynamics.corner_deviation_m", dynamics.corner_deviation_m, 0.0, 100.0),
             ("dynamics.yaw_rate_dps", dynamics.yaw_rate_dps, 0.1, 3600.0),

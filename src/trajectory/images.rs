@@ -1,26 +1,97 @@
-//! The images of a route: one for each camera and exposure, at the instants of the speed profile.
+//! The images of a route: one for each camera and exposure, where the drone really is at their instants.
 
-use nalgebra::Vector3;
+use nalgebra::{Unit, Vector3};
 
 use super::plan::Image;
-use super::profile::Profile;
+use super::profile::{Passage, Profile};
 use super::route::{Exposure, Route};
-use crate::camera::Rig;
+use crate::camera::{Cameras, Pose, Rig};
+use crate::scene::clearance::Clearance;
+use crate::search::leg::slerp;
 
-/// All images in the order of their exposure.
-pub fn expose(route: &Route, rig: &Rig, profile: &Profile) -> Vec<Image> {
-    route
-        .exposures
-        .iter()
-        .flat_map(|exposure| exposed(exposure, rig, profile.time_at_s(exposure.leg, exposure.flown_m)))
-        .collect()
+/// The images of a flight.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Exposed {
+    /// In the order of their exposure.
+    pub images: Vec<Image>,
+    /// Exposures that wait for the shutter, and those that are left out because they would have to wait too long.
+    pub delayed: u32,
+    pub dropped: u32,
 }
 
-fn exposed(exposure: &Exposure, rig: &Rig, time_s: f64) -> impl Iterator<Item = Image> {
+/// An exposure may wait for the shutter this share of its interval: further on, the view would be another one.
+const MOST_WAIT: f64 = 0.25;
+/// Intervals are kept to within rounding of the times, s.
+const TIME_TOLERANCE_S: f64 = 1e-9;
+
+/// All images, at the points of the curve at which their places are passed. An arc is shorter than what it cuts off, so that images near
+/// corners can come sooner than the shutter is ready again: they are taken when it is, a little farther on.
+pub fn expose(route: &Route, rig: &Rig, profile: &Profile) -> Exposed {
+    let mut exposed = Exposed::default();
+    let mut ready_s = f64::NEG_INFINITY;
+    for exposure in &route.exposures {
+        let Some(planned) = profile.passing(exposure.leg, exposure.flown_m) else { continue };
+        let wait_s = ready_s - planned.time_s;
+        let (passage, direction) = if wait_s <= TIME_TOLERANCE_S {
+            (planned, direction(exposure, rig, &planned))
+        } else if wait_s <= MOST_WAIT * rig.shutter_interval_s
+            && ready_s <= profile.duration_s()
+            && let Some(later) = profile.at(ready_s)
+        {
+            exposed.delayed += 1;
+            (later, later_direction(route, rig, &later))
+        } else {
+            exposed.dropped += 1;
+            continue;
+        };
+        ready_s = passage.time_s + rig.shutter_interval_s;
+        exposed.images.extend(images(rig, &passage, direction));
+    }
+    exposed
+}
+
+/// The most that an image is smeared by the flight during its exposure, at the surface nearest to it, px; 0 without images.
+pub fn blur_px(images: &[Image], rig: &Rig, profile: &Profile, clearance: &Clearance) -> f64 {
+    let smear_px = |image: &Image| {
+        let speed_mps = profile.at(image.time_s).map_or(0.0, |passage| passage.velocity_mps.norm());
+        // The ground is the surface when nothing is nearer.
+        let distance_m = clearance.point_distance_m(&image.position_m, image.position_m.z);
+        speed_mps * rig.exposure_s / (distance_m * rig.pixel_rad(image.camera as usize)).max(f64::MIN_POSITIVE)
+    };
+    images.iter().map(smear_px).fold(0.0, f64::max)
+}
+
+/// Where a rig is turned at an exposure: a gimbal as the route says; bolted cameras ahead along the curve, which on an arc is its
+/// tangent. At the start the drone stands turned as the route says.
+fn direction(exposure: &Exposure, rig: &Rig, passage: &Passage) -> Option<Unit<Vector3<f64>>> {
+    let at_start = passage.leg == 0 && passage.flown_m == 0.0;
+    match rig.cameras {
+        Cameras::Rigid(_) if !at_start => Some(passage.heading),
+        _ => exposure.pose.direction,
+    }
+}
+
+/// The same a little later: a gimbal turns on along the leg.
+fn later_direction(route: &Route, rig: &Rig, passage: &Passage) -> Option<Unit<Vector3<f64>>> {
+    match rig.cameras {
+        Cameras::Panoramic { .. } => None,
+        Cameras::Rigid(_) => Some(passage.heading),
+        Cameras::Gimbal { .. } => {
+            let (from, to) = (&route.waypoints[passage.leg], &route.waypoints[passage.leg + 1]);
+            let (first, last) = from.direction.zip(to.direction)?;
+            let share = passage.flown_m / (to.position - from.position).norm();
+            Some(if first == last { last } else { slerp(&first, &last, share.clamp(0.0, 1.0)) })
+        }
+    }
+}
+
+fn images(rig: &Rig, passage: &Passage, direction: Option<Unit<Vector3<f64>>>) -> impl Iterator<Item = Image> {
+    let pose = Pose { position: passage.position_m, direction };
+    let time_s = passage.time_s;
     (0..rig.camera_count()).map(move |camera| {
-        let axis = rig.optical_axis(camera, &exposure.pose);
+        let axis = rig.optical_axis(camera, &pose);
         Image {
-            position_m: exposure.pose.position,
+            position_m: pose.position,
             direction: axis.map(|(direction, _)| direction),
             up: axis.map_or(Vector3::z(), |(_, up)| up),
             fov_deg: rig.camera(camera).1.map(|intrinsics| intrinsics.fov_deg()),

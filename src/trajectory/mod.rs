@@ -1,9 +1,14 @@
 //! From the route of a planning method to a flight: timing, images, figures and the final safety check.
 
+pub mod corner;
+pub mod curve;
 pub mod evaluate;
 pub mod images;
+pub mod limits;
 pub mod plan;
 pub mod profile;
 pub mod route;
 pub mod safety;
+pub mod samples;
 pub mod select;
+pub mod straight;

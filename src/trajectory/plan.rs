@@ -2,7 +2,10 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::camera::{Intrinsics, Rig, View};
+use super::curve::Arc;
+use super::limits::Limits;
+use super::profile::Profile;
+use crate::camera::{Intrinsics, Pose, Rig, View};
 use crate::frame::Geodetic;
 
 pub use crate::search::outcome::{Iteration, StopReason};
@@ -19,6 +22,8 @@ pub struct Plan {
     pub waypoints: Vec<Waypoint>,
     pub images: Vec<Image>,
     pub metrics: Metrics,
+    /// What the flight was timed with; `None` for a plan of a file that does not say.
+    pub limits: Option<Limits>,
     /// Covered hemisphere cells of each sample of the field, in its order, by exact rays from the images.
     pub cells: Vec<u16>,
     /// Cells of each sample that the rig's views from all viewpoints together cover: what a sample can reach at all.
@@ -36,6 +41,26 @@ impl Plan {
     /// Images that the reconstruction should use.
     pub fn selected_images(&self) -> usize {
         self.images.iter().filter(|image| image.selected).count()
+    }
+
+    /// The timed curve: a function of waypoints and limits alone. `None` where the limits are not known.
+    pub fn profile(&self) -> Option<Profile> {
+        let path: Vec<Pose> = self.waypoints.iter().map(|w| Pose { position: w.position_m, direction: w.direction }).collect();
+        let deviations_m: Vec<f64> = self.waypoints.iter().map(|waypoint| waypoint.deviation_m).collect();
+        self.limits.map(|limits| Profile::rounded(&path, &limits, &deviations_m))
+    }
+
+    /// Points of the curve that is flown, so near to each other that the lines between them keep within a centimetre of it (wide arcs: within 1/200 of
+    /// what they may pass from their corner), and the waypoint that each of them comes behind. Without limits the corners are all that is known.
+    pub fn flown_points(&self) -> Vec<(Point3<f64>, usize)> {
+        let Some(profile) = self.profile() else {
+            return self.waypoints.iter().enumerate().map(|(index, waypoint)| (waypoint.position_m, index)).collect();
+        };
+        let arcs = profile.curve().arcs.iter().zip(&self.waypoints).enumerate();
+        let points = |(index, (arc, waypoint)): (usize, (&Arc, &Waypoint))| {
+            arc.points((waypoint.deviation_m / 200.0).max(0.01)).map(move |point| (point, index))
+        };
+        arcs.flat_map(points).collect()
     }
 
     /// Whether sample `i` of the field can be captured by this rig at all; `threshold_cells` is the field's.
@@ -83,6 +108,8 @@ pub struct SceneStamp {
 pub struct Waypoint {
     pub position_m: Point3<f64>,
     pub direction: Option<Unit<Vector3<f64>>>,
+    /// How far the arc that rounds the corner may pass from it, m; at 0 the drone stops there.
+    pub deviation_m: f64,
 }
 
 /// One image of one camera.
@@ -128,6 +155,11 @@ pub struct Metrics {
     pub capturable_percent: f64,
     pub information: f64,
     pub objective: f64,
+    /// Exposures that wait for the shutter near a corner, and those that are left out because they would have to wait too long.
+    pub delayed_exposures: u32,
+    pub dropped_exposures: u32,
+    /// The most that the flight smears an image at the surface nearest to it, px.
+    pub blur_px: f64,
 }
 
 /// What varies between runs of the same plan: written to `run.json`, never to `plan.json`.

@@ -14,6 +14,8 @@ use overfly::scene::{generate_block, ny1_size};
 use overfly::search::Problem;
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
+use overfly::trajectory::limits::Limits;
+use overfly::trajectory::profile::Corner;
 use overfly_table::Block;
 
 fn main() {
@@ -107,6 +109,62 @@ fn information_gain_of_a_leg(bencher: Bencher) {
     bencher
         .counter(ItemsCount::new(seen.len()))
         .bench_local(|| seen.iter().map(|seen| problem.gain(black_box(&covered), seen)).sum::<u64>());
+}
+
+/// The rules of the speed profile that a local search asks for at every change.
+#[divan::bench(args = ["panoramic", "m300-oblique", "phantom4-rtk"])]
+fn time_of_a_leg(bencher: Bencher, rig: &str) {
+    let (limits, stops) = timed_legs(rig);
+    bencher
+        .counter(ItemsCount::new(stops.len()))
+        .bench_local(|| stops.iter().map(|(leg_m, ends)| limits.leg_s(*leg_m, black_box(ends), 8.0)).sum::<f64>());
+}
+
+#[divan::bench]
+fn speed_reached_on_a_leg(bencher: Bencher) {
+    let (limits, stops) = timed_legs("panoramic");
+    bencher.counter(ItemsCount::new(stops.len())).bench_local(|| {
+        stops.iter().map(|(leg_m, ends)| limits.reachable_mps(ends[0].speed_mps, *leg_m, [&ends[0], &ends[1]])).sum::<f64>()
+    });
+}
+
+#[divan::bench(args = ["panoramic", "m300-oblique", "phantom4-rtk"])]
+fn corner_between_two_legs(bencher: Bencher, rig: &str) {
+    let limits = Limits::new(&Rig::preset(rig).expect("a preset"), &SETTINGS.flight, &SETTINGS.dynamics);
+    let poses: Vec<Pose> = legs().into_iter().flat_map(|(a, b)| [a, b]).collect();
+    bencher
+        .counter(ItemsCount::new(poses.len() - 2))
+        .bench_local(|| poses.windows(3).map(|at| limits.corner(&at[0], &at[1], &at[2], 8.0).speed_mps).sum::<f64>());
+}
+
+#[divan::bench]
+fn speed_of_a_turning_view(bencher: Bencher) {
+    let rig = Rig::preset("phantom4-rtk").expect("a preset");
+    let limits = Limits::new(&rig, &SETTINGS.flight, &SETTINGS.dynamics);
+    let directions = rig.view_directions();
+    let turning = |(k, (a, b)): (usize, (Pose, Pose))| {
+        let look = |k: usize| Some(directions[k % directions.len()]);
+        (Pose { direction: look(5 * k), ..a }, Pose { direction: look(7 * k), ..b })
+    };
+    let legs: Vec<_> = legs().into_iter().enumerate().map(turning).collect();
+    bencher
+        .counter(ItemsCount::new(legs.len()))
+        .bench_local(|| legs.iter().map(|(a, b)| limits.leg_mps(black_box(a), b)).sum::<f64>());
+}
+
+/// Legs of 6 to 45 m between corners of a path through viewpoints, at the speeds that these allow.
+fn timed_legs(rig: &str) -> (Limits, Vec<(f64, [Corner; 2])>) {
+    let limits = Limits::new(&Rig::preset(rig).expect("a preset"), &SETTINGS.flight, &SETTINGS.dynamics);
+    let poses: Vec<Pose> = legs().into_iter().flat_map(|(a, b)| [a, b]).collect();
+    let turns: Vec<Corner> = poses.windows(3).map(|at| limits.corner(&at[0], &at[1], &at[2], 8.0)).collect();
+    let leg = |(k, pair): (usize, &[Corner])| {
+        let leg_m = 6.0 + 3.0 * (k % 14) as f64;
+        let [mut first, mut last] = [pair[0], pair[1]];
+        last.speed_mps = last.speed_mps.min(limits.reachable_mps(first.speed_mps, leg_m, [&first, &last]));
+        first.speed_mps = first.speed_mps.min(limits.reachable_mps(last.speed_mps, leg_m, [&first, &last]));
+        (leg_m, [first, last])
+    };
+    (limits, turns.windows(2).enumerate().map(leg).collect())
 }
 
 #[divan::bench(sample_count = 20)]

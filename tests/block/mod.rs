@@ -177,7 +177,10 @@ pub fn plan(field: &FieldTable) -> Plan {
         rig: "panoramic".to_owned(),
         method: "paper".to_owned(),
         cameras: vec![Camera { name: "panorama".to_owned(), intrinsics: None, pixel_rad: 6e-4 }],
-        waypoints: corners.iter().map(|position_m| Waypoint { position_m: *position_m, direction: None }).collect(),
+        waypoints: corners
+            .iter()
+            .map(|position_m| Waypoint { position_m: *position_m, direction: None, deviation_m: 1.0 })
+            .collect(),
         images,
         metrics: Metrics {
             length_m: flown_m,
@@ -191,7 +194,11 @@ pub fn plan(field: &FieldTable) -> Plan {
             capturable_percent: 88.2,
             information: 5123.25,
             objective: 4211.5,
+            delayed_exposures: 3,
+            dropped_exposures: 0,
+            blur_px: 0.6,
         },
+        limits: None,
         cells,
         ceilings: field.ceilings.to_vec(),
         goal_percent: 95.0,

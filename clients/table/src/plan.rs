@@ -6,7 +6,7 @@ use crate::layout::{self, Block, LayoutError, Section};
 
 /// "OVFLYPLN" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYPLN");
-pub const SCHEMA: u32 = 2;
+pub const SCHEMA: u32 = 3;
 
 /// The figures of a plan, in the order of `metrics` in `plan.json`.
 #[repr(C)]
@@ -33,6 +33,26 @@ pub struct MetricsRow {
     pub information: f64,
     /// Eq. 6 with the exact information.
     pub objective: f64,
+    /// Exposures that wait for the shutter near a corner, and those left out because they would have to wait too long.
+    pub delayed_exposures: u64,
+    pub dropped_exposures: u64,
+    /// The most that the flight smears an image at the surface nearest to it, px.
+    pub blur_px: f64,
+}
+
+/// What the flight was timed with: with it and the waypoints everyone computes the same timed curve.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct LimitsRow {
+    /// What turns along the path: 0 the limits are not known, 1 nothing, 2 a camera on a gimbal, 3 the nose with bolted cameras.
+    pub turning: u64,
+    pub cruise_mps: f64,
+    pub acceleration_mps2: f64,
+    pub jerk_mps3: f64,
+    pub lateral_mps2: f64,
+    pub corner_deviation_m: f64,
+    pub yaw_rate_dps: f64,
+    pub gimbal_rate_dps: f64,
 }
 
 /// What the plan was made from and how the search ended.
@@ -40,6 +60,7 @@ pub struct MetricsRow {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct PlanFacts {
     pub metrics: MetricsRow,
+    pub limits: LimitsRow,
     pub revision: u64,
     pub seed: u64,
     pub iterations: u64,
@@ -72,6 +93,8 @@ pub struct WaypointRow {
     pub position_m: [f64; 3],
     pub direction: [f64; 3],
     pub has_direction: u64,
+    /// How far the arc that rounds the corner may pass from it, m; at 0 the drone stops there.
+    pub deviation_m: f64,
 }
 
 /// One image of one camera of the rig.

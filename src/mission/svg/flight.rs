@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 
 use crate::trajectory::plan::Plan;
+use crate::trajectory::samples::samples;
 
 /// How far an image may lie from its leg, m, and still count as taken on it.
 const ON_LEG_M: f64 = 1e-3;
@@ -14,9 +15,13 @@ pub struct Instant {
     pub time_s: f64,
 }
 
-/// The waypoints and the images between them, in flight order. Images carry their time; at the waypoints between them time is
-/// interpolated over the distance flown.
+/// The timed curve. Of a plan that does not say what it was timed with, the waypoints and the images between them, in flight order: images
+/// carry their time; at the waypoints between them time is interpolated over the distance flown.
 pub fn timed_path(plan: &Plan) -> Vec<Instant> {
+    if let Some(profile) = plan.profile() {
+        let samples = samples(&profile).into_iter();
+        return samples.map(|sample| Instant { position_m: sample.position_m, time_s: sample.time_s }).collect();
+    }
     let (stations, total_m) = stations(plan);
     let mut knots: Vec<(f64, f64)> = vec![(0.0, 0.0)];
     for station in &stations {

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::flow::Network;
 use super::graph::Graph;
+use super::hull;
 use super::program::Row;
 use super::relaxation::Layout;
 use crate::coverage::{CELLS, Mask};
@@ -71,63 +72,71 @@ fn of_sample(graph: &Graph, layout: &Layout, witnesses: &[Witness], i: usize, va
         return Vec::new();
     }
     let needed = graph.demand.needed_cells;
-    // What the proposal covers most of is what the true cost of the rest is hidden behind.
-    let mut covered: Vec<(f64, usize)> = (0..CELLS).map(|cell| (load(witnesses, values, cell), cell)).collect();
-    covered.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let mut given: Mask = 0;
-    let mut prefixes = vec![(slack(witnesses, given, needed, captured, values), given)];
-    for &(load, cell) in covered.iter().take(needed as usize - 1).take_while(|&&(load, _)| load > 0.0) {
-        given |= 1 << cell;
-        let _ = load;
-        prefixes.push((slack(witnesses, given, needed, captured, values), given));
-    }
-    let tightest = prefixes.iter().copied().min_by(|a, b| a.0.total_cmp(&b.0)).expect("there is at least the empty set");
+    let masks: Vec<Mask> = witnesses.iter().map(|witness| witness.mask).collect();
+    let uses: Vec<f64> = witnesses.iter().map(|witness| values[witness.variable]).collect();
+    let weightings = [Some(by_cells(&masks, &uses, needed)), hull::weigh(&masks, &uses, needed).map(|weights| (weights, hull::WHOLE))];
     let mut rows = Vec::new();
-    if tightest.0 < -LEAST_VIOLATION {
-        rows.push((-tightest.0, coverage_row(layout, witnesses, tightest.1, needed, i)));
-    }
-    for given in [0, tightest.1] {
-        rows.extend(connection(graph, layout, witnesses, given, i, values));
-        if tightest.1 == 0 {
-            break;
+    for (weights, whole) in weightings.into_iter().flatten() {
+        let row = coverage_row(layout, witnesses, &weights, whole, i);
+        let violation = row.violation(values) / whole as f64;
+        if violation > LEAST_VIOLATION {
+            rows.push((violation, row));
         }
+        rows.extend(connection(graph, layout, witnesses, &weights, whole, i, values));
     }
     rows
 }
 
-/// How often the proposal covers a cell.
-fn load(witnesses: &[Witness], values: &[f64], cell: usize) -> f64 {
-    witnesses.iter().filter(|witness| witness.mask >> cell & 1 == 1).map(|witness| values[witness.variable]).sum()
+/// New cells beside given ones, as far as they count, and how many are needed. The given cells are those that the proposal covers most, as many of
+/// them as break the row most: they are what the true cost of the rest is hidden behind.
+fn by_cells(masks: &[Mask], uses: &[f64], needed: u32) -> (Vec<i64>, i64) {
+    let load = |cell: usize| -> f64 { masks.iter().zip(uses).filter(|(mask, _)| *mask >> cell & 1 == 1).map(|(_, &used)| used).sum() };
+    let mut loads: Vec<(f64, usize)> = (0..CELLS).map(|cell| (load(cell), cell)).collect();
+    loads.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let relative = |given: Mask| -> f64 {
+        let (weights, missing) = new_cells(masks, given, needed);
+        weights.iter().zip(uses).map(|(&weight, &used)| weight as f64 * used).sum::<f64>() / missing as f64
+    };
+    let mut given: Mask = 0;
+    let mut least = (relative(given), given);
+    for &(_, cell) in loads.iter().take(needed as usize - 1).take_while(|load| load.0 > 0.0) {
+        given |= 1 << cell;
+        let candidate = relative(given);
+        if candidate < least.0 {
+            least = (candidate, given);
+        }
+    }
+    new_cells(masks, least.1, needed)
 }
 
-/// New cells of an image beside the given ones, as far as they count.
-fn new_cells(witness: &Witness, given: Mask, needed: u32) -> i64 {
-    i64::from((witness.mask & !given).count_ones().min(needed - given.count_ones()))
+fn new_cells(masks: &[Mask], given: Mask, needed: u32) -> (Vec<i64>, i64) {
+    let missing = needed - given.count_ones();
+    (masks.iter().map(|mask| i64::from((mask & !given).count_ones().min(missing))).collect(), i64::from(missing))
 }
 
-fn slack(witnesses: &[Witness], given: Mask, needed: u32, captured: f64, values: &[f64]) -> f64 {
-    let missing = f64::from(needed - given.count_ones());
-    let sum: f64 = witnesses.iter().map(|witness| new_cells(witness, given, needed) as f64 * values[witness.variable]).sum();
-    sum / missing - captured
+/// What is used weighs at least a whole if the sample is captured.
+fn coverage_row(layout: &Layout, witnesses: &[Witness], weights: &[i64], whole: i64, i: usize) -> Row {
+    let images = witnesses.iter().zip(weights).map(|(witness, &weight)| (witness.variable, weight)).filter(|term| term.1 > 0);
+    Row { terms: images.chain([(layout.sample(i), -whole)]).collect(), at_least: 0 }
 }
 
-/// Sum of new cells of the images >= D for a captured sample.
-fn coverage_row(layout: &Layout, witnesses: &[Witness], given: Mask, needed: u32, i: usize) -> Row {
-    let images = witnesses.iter().map(|witness| (witness.variable, new_cells(witness, given, needed)));
-    let missing = i64::from(needed - given.count_ones());
-    Row { terms: images.filter(|term| term.1 > 0).chain([(layout.sample(i), -missing)]).collect(), at_least: 0 }
-}
-
-/// For any set S of waypoints, a plan that captures the sample goes into S and out again or ends there (twice the capture in all), or what it sees without touching S is
-/// enough: D (x(cut of S) + s(S)) + 2 sum of new cells of the images outside S >= 2 D c_i. The smallest left side is a minimum cut.
-fn connection(graph: &Graph, layout: &Layout, witnesses: &[Witness], given: Mask, i: usize, values: &[f64]) -> Option<Broken> {
-    let needed = graph.demand.needed_cells;
-    let missing = i64::from(needed - given.count_ones());
+/// For any set S of waypoints, a plan that captures the sample goes into S and out again or ends there (twice the capture in all), or what it sees
+/// without touching S is enough: whole (x(cut of S) + s(S)) + 2 sum of weights of the images outside S >= 2 whole c_i. The smallest left side
+/// is a minimum cut.
+fn connection(
+    graph: &Graph,
+    layout: &Layout,
+    witnesses: &[Witness],
+    weights: &[i64],
+    whole: i64,
+    i: usize,
+    values: &[f64],
+) -> Option<Broken> {
     let wanted = values[layout.sample(i)];
     let (mut network, source) = network(graph, layout, values);
     let sink = source + 1;
-    for witness in witnesses {
-        let share = new_cells(witness, given, needed) as f64 / missing as f64 * values[witness.variable];
+    for (witness, &weight) in witnesses.iter().zip(weights) {
+        let share = weight as f64 / whole as f64 * values[witness.variable];
         match witness.place {
             Place::Vertex(v) => network.join(v, sink, units(2.0 * share), 0),
             // Both ends outside pay twice the share, as they should; a leg across the cut counts as such, which the row makes good.
@@ -142,11 +151,11 @@ fn connection(graph: &Graph, layout: &Layout, witnesses: &[Witness], given: Mask
         Place::Vertex(v) => outside[v],
         Place::Edge([a, b]) => outside[a] && outside[b],
     };
-    let images = witnesses.iter().filter(|witness| is_outside(witness.place));
-    let images = images.map(|witness| (witness.variable, 2 * new_cells(witness, given, needed))).filter(|term| term.1 > 0);
-    let terms = boundary(graph, layout, &outside, missing).chain(images).chain([(layout.sample(i), -2 * missing)]).collect();
+    let images = witnesses.iter().zip(weights).filter(|(witness, weight)| **weight > 0 && is_outside(witness.place));
+    let images = images.map(|(witness, weight)| (witness.variable, 2 * weight));
+    let terms = boundary(graph, layout, &outside, whole).chain(images).chain([(layout.sample(i), -2 * whole)]).collect();
     let row = Row { terms, at_least: 0 };
-    let violation = row.violation(values) / missing as f64 / 2.0;
+    let violation = row.violation(values) / whole as f64 / 2.0;
     (violation > LEAST_VIOLATION).then_some((violation, row))
 }
 

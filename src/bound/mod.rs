@@ -3,6 +3,7 @@
 pub mod cuts;
 mod flow;
 pub mod graph;
+mod hull;
 pub mod plan;
 pub mod program;
 pub mod relaxation;
@@ -58,6 +59,7 @@ pub fn lower_bound(graph: &Graph, most_flights: &[i64], stop: &StopToken, on_pro
         let t0 = std::time::Instant::now();
         let broken = cuts::separate(graph, &layout, &witnesses, &proposal.values);
         if std::env::var("TRACE").is_ok() { let primal: f64 = proposal.values.iter().zip(&program.costs).map(|(x, &c)| x * c as f64 / 1e6).sum(); eprintln!("round {round} now {:.1} primal {primal:.1} best {:.1} rows {} cols {} joined {joined} broken {} worst {:.3} solve {t1:?} cut {:?}", certificate.bound as f64 / 1e6, best.bound_um as f64/1e6, best.rows, best.columns, broken.len(), broken.iter().map(|b| b.0).fold(0.0, f64::max), t0.elapsed()); }
+        if std::env::var("TRACE").is_ok() { trace_values(graph, &layout, &witnesses, &proposal.values); }
         if broken.is_empty() && joined == 0 {
             break;
         }
@@ -92,11 +94,21 @@ fn drop_idle(program: &mut Program, fixed_rows: usize, proposal: &Proposal) {
         let r = number;
         number += 1;
         let scale = row.terms.iter().map(|term| term.1.abs()).max().unwrap_or(1) as f64;
-        r < fixed_rows || proposal.multipliers[r] * scale > 1e-3 * 1e6 || row.violation(&proposal.values) / scale > -0.05
+        r < fixed_rows || proposal.multipliers[r] * scale > 1e-3 * 1e6
     });
 }
 
 fn add_rows(rows: &mut Vec<Row>, mut broken: Vec<Broken>) {
     broken.sort_by(|a, b| b.0.total_cmp(&a.0));
     rows.extend(broken.into_iter().take(400).map(|(_, row)| row));
+}
+pub fn trace_values(graph: &Graph, layout: &Layout, witnesses: &Witnesses, values: &[f64]) {
+    let w: f64 = (0..layout.vertices).flat_map(|v| layout.sights(v)).map(|k| values[k]).sum();
+    let x: f64 = (0..layout.edges).map(|e| values[e]).sum();
+    let mut h = [0; 11];
+    for e in 0..layout.edges { h[(values[e] * 5.0).min(10.0) as usize] += (values[e] > 0.005) as i32; }
+    let c: Vec<i32> = { let mut c = [0; 11]; for i in 0..layout.samples { c[(values[layout.sample(i)] * 10.0) as usize] += 1; } c.to_vec() };
+    let s: Vec<f64> = (0..layout.vertices).map(|v| values[layout.ends(v)]).filter(|s| *s > 0.05).collect();
+    eprintln!("w {w:.2} x {x:.2} hist(x/0.2) {h:?} c {c:?} ends {s:.2?}");
+    let _ = (graph, witnesses);
 }

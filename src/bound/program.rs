@@ -98,7 +98,7 @@ impl Program {
 
         let costs: Vec<f64> = variables.iter().map(|&j| self.costs[j] as f64 / UNIT).collect();
         let rows = CscMatrix::new_from_triplets(m + 2 * n, n, at_row, at_column, entries);
-        let settings = DefaultSettings { verbose: false, max_iter: 60, tol_gap_rel: 1e-6, tol_feas: 1e-6, ..Default::default() };
+        let settings = DefaultSettings { verbose: false, max_iter: 60, tol_gap_rel: 1e-5, tol_feas: 1e-6, ..Default::default() };
         let cones = [NonnegativeConeT(m + 2 * n)];
         let mut values = vec![0.0; self.costs.len()];
         let mut multipliers = vec![0.0; m];

@@ -5,6 +5,8 @@ fn main() {
     let (seed, extent, buildings, w, rounds, rig): (u64, f64, u32, usize, u32, &str) = (a[1].parse().unwrap(), a[2].parse().unwrap(), a[3].parse().unwrap(), a[4].parse().unwrap(), a[5].parse().unwrap(), &a[6]);
     let scene = generate_block(&BlockSettings { seed, extent_m: [extent, extent], buildings, ..Default::default() });
     let mut settings = Settings::default(); settings.surface.samples = 150; settings.field.viewpoints = 200;
+    if let Ok(g) = std::env::var("GOAL") { settings.coverage.goal_percent = g.parse().unwrap(); }
+    if let Ok(g) = std::env::var("TH") { settings.coverage.threshold_percent = g.parse().unwrap(); }
     let stop = StopToken::default();
     let snapshot = Session::new(scene, std::sync::Arc::new(settings.clone()), &stop).unwrap().survey(&stop).unwrap().into_snapshot(&stop).unwrap();
     let problem = Problem::new(&snapshot, &settings, Rig::preset(rig).unwrap());

@@ -40,6 +40,14 @@ const LEAST_VIOLATION: f64 = 0.02;
 
 /// Capacities are whole multiples of this share of an edge.
 const FLOW_UNITS: f64 = 1e6;
+/// Units that each edge has for nothing, so that of equally good cuts the one with the fewest edges is found.
+const CREEP: i64 = 20;
+
+/// Cuts that are sought for one sample and weighting.
+const NESTED_CUTS: usize = 6;
+
+/// Waypoints that are visited less are connected well enough by the samples that are seen from there.
+const LEAST_VISIT: f64 = 0.1;
 
 impl Witnesses {
     pub fn new(graph: &Graph, layout: &Layout) -> Self {
@@ -61,7 +69,7 @@ impl Witnesses {
 pub fn separate(graph: &Graph, layout: &Layout, witnesses: &Witnesses, values: &[f64]) -> Vec<Broken> {
     let by_sample = (0..layout.samples).into_par_iter().map(|i| of_sample(graph, layout, &witnesses.of_sample[i], i, values));
     let mut broken: Vec<Broken> = by_sample.flatten_iter().collect();
-    let by_vertex = (0..layout.vertices).into_par_iter().filter_map(|v| of_vertex(graph, layout, v, values));
+    let by_vertex = (0..layout.vertices).into_par_iter().flat_map_iter(|v| of_vertex(graph, layout, v, values));
     broken.par_extend(by_vertex);
     broken
 }
@@ -74,7 +82,7 @@ fn of_sample(graph: &Graph, layout: &Layout, witnesses: &[Witness], i: usize, va
     let needed = graph.demand.needed_cells;
     let masks: Vec<Mask> = witnesses.iter().map(|witness| witness.mask).collect();
     let uses: Vec<f64> = witnesses.iter().map(|witness| values[witness.variable]).collect();
-    let weightings = [Some(by_cells(&masks, &uses, needed)), hull::weigh(&masks, &uses, needed).map(|weights| (weights, hull::WHOLE))];
+    let weightings = [Some(by_cells(&masks, &uses, needed)), if std::env::var("NOHULL").is_ok() { None } else { Some(()) }.and_then(|()| hull::weigh(&masks, &uses, needed).map(|weights| (weights, hull::WHOLE)))];
     let mut rows = Vec::new();
     for (weights, whole) in weightings.into_iter().flatten() {
         let row = coverage_row(layout, witnesses, &weights, whole, i);
@@ -131,61 +139,89 @@ fn connection(
     whole: i64,
     i: usize,
     values: &[f64],
-) -> Option<Broken> {
-    let wanted = values[layout.sample(i)];
-    let (mut network, source) = network(graph, layout, values);
-    let sink = source + 1;
-    for (witness, &weight) in witnesses.iter().zip(weights) {
-        let share = weight as f64 / whole as f64 * values[witness.variable];
-        match witness.place {
-            Place::Vertex(v) => network.join(v, sink, units(2.0 * share), 0),
-            // Both ends outside pay twice the share, as they should; a leg across the cut counts as such, which the row makes good.
-            Place::Edge(ends) => ends.into_iter().for_each(|v| network.join(v, sink, units(share), 0)),
+) -> Vec<Broken> {
+    let target = Target { variable: layout.sample(i), whole };
+    let shares: Vec<(Place, usize, i64)> = witnesses.iter().zip(weights).map(|(w, &weight)| (w.place, w.variable, weight)).collect();
+    nested(graph, layout, &target, &shares, values)
+}
+
+/// What is to be connected: a variable, and the weight at which images are as good as a visit.
+struct Target {
+    variable: usize,
+    whole: i64,
+}
+
+/// Smallest cuts between the ends of the walk and what is to be connected. When one is found its edges are opened, so that the next one is another; each is taken
+/// from both sides. Many rows at a time save many solutions of the program.
+fn nested(graph: &Graph, layout: &Layout, target: &Target, images: &[(Place, usize, i64)], values: &[f64]) -> Vec<Broken> {
+    let (wanted, whole) = (values[target.variable], target.whole as f64);
+    let mut opened = vec![false; layout.edges];
+    let mut rows: Vec<Broken> = Vec::new();
+    for _ in 0..NESTED_CUTS {
+        let (mut network, source) = network(graph, layout, values, &opened, wanted);
+        let sink = source + 1;
+        for &(place, variable, weight) in images {
+            let share = weight as f64 / whole * values[variable];
+            match place {
+                Place::Vertex(v) => network.join(v, sink, units(2.0 * share), 0),
+                // Both ends outside pay twice the share, as they should; a leg across the cut counts as such, which the row makes good.
+                Place::Edge(ends) => ends.into_iter().for_each(|v| network.join(v, sink, units(share), 0)),
+            }
+        }
+        let (sent, mut far) = network.cut(source, sink, units(2.0 * wanted));
+        if sent as f64 / FLOW_UNITS >= 2.0 * wanted - LEAST_VIOLATION {
+            break;
+        }
+        let near: Vec<bool> = network.sink_side(sink).into_iter().map(|inside| !inside).collect();
+        far.truncate(layout.vertices);
+        for outside in [&far, &near[..layout.vertices].to_vec()] {
+            let row = connection_row(graph, layout, target, images, outside);
+            let violation = row.violation(values) / whole / 2.0;
+            if violation > LEAST_VIOLATION && rows.last().is_none_or(|last| last.1 != row) {
+                rows.push((violation, row));
+            }
+            let crosses = |e: &usize| outside[graph.edges[*e].ends[0]] != outside[graph.edges[*e].ends[1]];
+            (0..layout.edges).filter(crosses).for_each(|e| opened[e] = true);
         }
     }
-    let (sent, outside) = network.cut(source, sink, units(2.0 * wanted));
-    if sent as f64 / FLOW_UNITS >= 2.0 * wanted - LEAST_VIOLATION {
-        return None;
-    }
+    rows
+}
+
+fn connection_row(graph: &Graph, layout: &Layout, target: &Target, images: &[(Place, usize, i64)], outside: &[bool]) -> Row {
     let is_outside = |place: Place| match place {
         Place::Vertex(v) => outside[v],
         Place::Edge([a, b]) => outside[a] && outside[b],
     };
-    let images = witnesses.iter().zip(weights).filter(|(witness, weight)| **weight > 0 && is_outside(witness.place));
-    let images = images.map(|(witness, weight)| (witness.variable, 2 * weight));
-    let terms = boundary(graph, layout, &outside, whole).chain(images).chain([(layout.sample(i), -2 * whole)]).collect();
-    let row = Row { terms, at_least: 0 };
-    let violation = row.violation(values) / whole as f64 / 2.0;
-    (violation > LEAST_VIOLATION).then_some((violation, row))
+    let outer = images.iter().filter(|image| image.2 > 0 && is_outside(image.0)).map(|image| (image.1, 2 * image.2));
+    let inner = [(target.variable, -2 * target.whole)];
+    Row { terms: boundary(graph, layout, outside, target.whole).chain(outer).chain(inner).collect(), at_least: 0 }
 }
 
-/// x(cut of S) + s(S) >= 2 w for the sights w of a waypoint in S; the sum of what lies there may ask for more only if it is one image.
-fn of_vertex(graph: &Graph, layout: &Layout, v: usize, values: &[f64]) -> Option<Broken> {
-    let sight = layout.sights(v).max_by(|&a, &b| values[a].total_cmp(&values[b]).then(b.cmp(&a)))?;
-    if values[sight] < 5.0 * LEAST_VIOLATION {
-        return None;
+/// x(cut of S) + s(S) >= 2 w for the most used sight w of a waypoint in S.
+fn of_vertex(graph: &Graph, layout: &Layout, v: usize, values: &[f64]) -> Vec<Broken> {
+    let Some(sight) = layout.sights(v).max_by(|&a, &b| values[a].total_cmp(&values[b]).then(b.cmp(&a))) else { return Vec::new() };
+    if values[sight] < LEAST_VISIT {
+        return Vec::new();
     }
-    let (mut network, source) = network(graph, layout, values);
+    let (mut network, source) = network(graph, layout, values, &vec![false; layout.edges], 0.0);
     let sink = source + 1;
-    network.join(v, sink, i64::MAX / 4, 0);
+    network.join(v, sink, units(3.0), 0);
     let (_, outside) = network.cut(source, sink, units(2.0 * values[sight]));
-    if outside[v] || outside[sink] {
-        return None;
+    if outside[v] {
+        return Vec::new();
     }
     let row = Row { terms: boundary(graph, layout, &outside, 1).chain([(sight, -2)]).collect(), at_least: 0 };
     let violation = row.violation(values) / 2.0;
-    (violation > LEAST_VIOLATION).then_some((violation, row))
+    if violation > LEAST_VIOLATION { vec![(violation, row)] } else { Vec::new() }
 }
 
 /// Waypoints, a source that the ends of the walk hang on, and a sink that hangs on nothing yet.
-fn network(graph: &Graph, layout: &Layout, values: &[f64]) -> (Network, usize) {
+fn network(graph: &Graph, layout: &Layout, values: &[f64], opened: &[bool], wanted: f64) -> (Network, usize) {
     let source = layout.vertices;
     let mut network = Network::new(layout.vertices + 2);
     for (e, edge) in graph.edges.iter().enumerate() {
-        let room = units(values[layout.edge(e)]);
-        if room > 0 {
-            network.join(edge.ends[0], edge.ends[1], room, room);
-        }
+        let room = CREEP + units(if opened[e] { 2.0 * wanted } else { values[layout.edge(e)] });
+        network.join(edge.ends[0], edge.ends[1], room, room);
     }
     (0..layout.vertices).for_each(|v| network.join(source, v, units(values[layout.ends(v)]), 0));
     (network, source)

@@ -44,6 +44,23 @@ impl Network {
         }
     }
 
+    /// After [`Network::cut`]: the nodes from which more could still be sent to `sink`, which is the sink's side of a smallest cut too.
+    pub fn sink_side(&self, sink: usize) -> Vec<bool> {
+        let mut reaches = vec![false; self.arcs_of.len()];
+        reaches[sink] = true;
+        let mut open = vec![sink];
+        while let Some(node) = open.pop() {
+            for &arc in &self.arcs_of[node] {
+                let from = self.heads[arc];
+                if self.room[arc ^ 1] > 0 && !reaches[from] {
+                    reaches[from] = true;
+                    open.push(from);
+                }
+            }
+        }
+        reaches
+    }
+
     fn levels(&self, source: usize) -> Vec<u32> {
         let mut levels = vec![u32::MAX; self.arcs_of.len()];
         levels[source] = 0;
@@ -106,6 +123,9 @@ mod tests {
             prop_assert_eq!(Some(sent), smallest);
             prop_assert!(side[0] && !side[5]);
             prop_assert_eq!(weight(&|v| side[v]), sent);
+            let sink_side = network.sink_side(5);
+            prop_assert!(sink_side[5] && !sink_side[0]);
+            prop_assert_eq!(weight(&|v| !sink_side[v]), sent);
         }
     }
 }

@@ -100,7 +100,7 @@ fn drop_idle(program: &mut Program, fixed_rows: usize, proposal: &Proposal) {
 
 fn add_rows(rows: &mut Vec<Row>, mut broken: Vec<Broken>) {
     broken.sort_by(|a, b| b.0.total_cmp(&a.0));
-    rows.extend(broken.into_iter().take(400).map(|(_, row)| row));
+    rows.extend(broken.into_iter().take(std::env::var("TAKE").map_or(800, |t| t.parse().unwrap())).map(|(_, row)| row));
 }
 pub fn trace_values(graph: &Graph, layout: &Layout, witnesses: &Witnesses, values: &[f64]) {
     let w: f64 = (0..layout.vertices).flat_map(|v| layout.sights(v)).map(|k| values[k]).sum();

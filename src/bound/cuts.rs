@@ -32,6 +32,15 @@ enum Place {
     Edge([usize; 2]),
 }
 
+/// How hard rows are sought.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effort {
+    /// By given cells alone: a tenth of a second.
+    Quick,
+    /// By the sharpest weighting of each sample's images as well: seconds.
+    Sharp,
+}
+
 /// A row that is broken, and by how much of a whole capture or visit.
 pub type Broken = (f64, Row);
 
@@ -66,15 +75,15 @@ impl Witnesses {
 }
 
 /// All broken rows that are found: of coverage, of the connection with what captures a sample, and of the connection with each visited waypoint.
-pub fn separate(graph: &Graph, layout: &Layout, witnesses: &Witnesses, values: &[f64]) -> Vec<Broken> {
-    let by_sample = (0..layout.samples).into_par_iter().map(|i| of_sample(graph, layout, &witnesses.of_sample[i], i, values));
+pub fn separate(graph: &Graph, layout: &Layout, witnesses: &Witnesses, values: &[f64], effort: Effort) -> Vec<Broken> {
+    let by_sample = (0..layout.samples).into_par_iter().map(|i| of_sample(graph, layout, &witnesses.of_sample[i], i, values, effort));
     let mut broken: Vec<Broken> = by_sample.flatten_iter().collect();
     let by_vertex = (0..layout.vertices).into_par_iter().flat_map_iter(|v| of_vertex(graph, layout, v, values));
     broken.par_extend(by_vertex);
     broken
 }
 
-fn of_sample(graph: &Graph, layout: &Layout, witnesses: &[Witness], i: usize, values: &[f64]) -> Vec<Broken> {
+fn of_sample(graph: &Graph, layout: &Layout, witnesses: &[Witness], i: usize, values: &[f64], effort: Effort) -> Vec<Broken> {
     let captured = values[layout.sample(i)];
     if captured < LEAST_VIOLATION {
         return Vec::new();
@@ -82,7 +91,11 @@ fn of_sample(graph: &Graph, layout: &Layout, witnesses: &[Witness], i: usize, va
     let needed = graph.demand.needed_cells;
     let masks: Vec<Mask> = witnesses.iter().map(|witness| witness.mask).collect();
     let uses: Vec<f64> = witnesses.iter().map(|witness| values[witness.variable]).collect();
-    let weightings = [Some(by_cells(&masks, &uses, needed)), if std::env::var("NOHULL").is_ok() { None } else { Some(()) }.and_then(|()| hull::weigh(&masks, &uses, needed).map(|weights| (weights, hull::WHOLE)))];
+    let sharp = match effort {
+        Effort::Quick => None,
+        Effort::Sharp => hull::weigh(&masks, &uses, needed).map(|weights| (weights, hull::WHOLE)),
+    };
+    let weightings = [Some(by_cells(&masks, &uses, needed)), sharp];
     let mut rows = Vec::new();
     for (weights, whole) in weightings.into_iter().flatten() {
         let row = coverage_row(layout, witnesses, &weights, whole, i);

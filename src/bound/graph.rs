@@ -40,8 +40,8 @@ pub struct Demand {
     pub sufficient: u32,
 }
 
-/// How far the ends of a leg lie apart, m.
-const MICROMETRES: f64 = 1e6;
+/// In a metre.
+pub const MICROMETRES: f64 = 1e6;
 
 impl Edge {
     pub fn new(ends: [usize; 2], length_m: f64) -> Self {
@@ -113,7 +113,7 @@ fn seen_at(problem: &Problem, place: &Point3<f64>) -> u64 {
     problem.sighted(place).map(|(_, mask)| u64::from(mask.count_ones())).sum()
 }
 
-/// The farthest point from all chosen ones, again and again; of equals the first.
+/// The farthest point from all chosen ones, again and again; of two equals the first.
 fn spread(places: &[Point3<f64>], first: usize, most: usize) -> Vec<Point3<f64>> {
     let mut chosen = vec![places[first]];
     let mut apart: Vec<f64> = places.iter().map(|place| (place - places[first]).norm_squared()).collect();

@@ -50,12 +50,12 @@ impl Layout {
 }
 
 /// The program without what is found on demand: `most_flights` bounds how often each edge is flown.
-pub fn program(graph: &Graph, layout: &Layout, most_flights: &[i64]) -> Program {
+pub fn program(graph: &Graph, layout: &Layout, most_flights: i64) -> Program {
     let mut costs = vec![0; layout.variables()];
     let mut upper = vec![1; layout.variables()];
     for (e, edge) in graph.edges.iter().enumerate() {
         costs[layout.edge(e)] = edge.length_um;
-        upper[layout.edge(e)] = most_flights[e];
+        upper[layout.edge(e)] = most_flights;
     }
     (0..layout.vertices).for_each(|v| upper[layout.ends(v)] = 2);
 

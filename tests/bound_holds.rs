@@ -62,7 +62,8 @@ const CELLS_EACH: u32 = 6;
 
 fn sight() -> impl Strategy<Value = Observations> {
     proptest::collection::vec(0u32..1 << CELLS_EACH, SAMPLES).prop_map(|masks| {
-        let seen: Vec<(u32, Mask)> = masks.into_iter().enumerate().map(|(i, mask)| (i as u32, Mask::from(mask & mask >> 1))).collect();
+        let seen: Vec<(u32, Mask)> =
+            masks.into_iter().enumerate().map(|(i, mask)| (i as u32, Mask::from(mask & mask >> 1))).collect();
         let (samples, masks) = seen.into_iter().filter(|&(_, mask)| mask != 0).unzip();
         Observations::new(samples, masks)
     })
@@ -132,7 +133,9 @@ fn the_best_multipliers_certify_the_optimum_and_others_less() {
         assert_eq!(program.certify(&[multiplier]).bound, bound, "{multiplier}");
     }
     let proposal = program.solve(&[true, true]);
-    assert!(program.certify(&proposal.multipliers).bound > 8_999_000 && program.certify(&proposal.multipliers).bound <= 9_000_000);
+    assert!(
+        program.certify(&proposal.multipliers).bound > 8_999_000 && program.certify(&proposal.multipliers).bound <= 9_000_000
+    );
     assert!((proposal.values[0] - 1.0).abs() < 1e-3 && (proposal.values[1] - 3.0).abs() < 1e-3, "{proposal:?}");
 }
 

@@ -76,7 +76,8 @@ impl Witnesses {
 
 /// All broken rows that are found: of coverage, of the connection with what captures a sample, and of the connection with each visited waypoint.
 pub fn separate(graph: &Graph, layout: &Layout, witnesses: &Witnesses, values: &[f64], effort: Effort) -> Vec<Broken> {
-    let by_sample = (0..layout.samples).into_par_iter().map(|i| of_sample(graph, layout, &witnesses.of_sample[i], i, values, effort));
+    let by_sample =
+        (0..layout.samples).into_par_iter().map(|i| of_sample(graph, layout, &witnesses.of_sample[i], i, values, effort));
     let mut broken: Vec<Broken> = by_sample.flatten_iter().collect();
     let by_vertex = (0..layout.vertices).into_par_iter().flat_map_iter(|v| of_vertex(graph, layout, v, values));
     broken.par_extend(by_vertex);
@@ -111,7 +112,8 @@ fn of_sample(graph: &Graph, layout: &Layout, witnesses: &[Witness], i: usize, va
 /// New cells beside given ones, as far as they count, and how many are needed. The given cells are those that the proposal covers most, as many of
 /// them as break the row most: they are what the true cost of the rest is hidden behind.
 fn by_cells(masks: &[Mask], uses: &[f64], needed: u32) -> (Vec<i64>, i64) {
-    let load = |cell: usize| -> f64 { masks.iter().zip(uses).filter(|(mask, _)| *mask >> cell & 1 == 1).map(|(_, &used)| used).sum() };
+    let load =
+        |cell: usize| -> f64 { masks.iter().zip(uses).filter(|(mask, _)| *mask >> cell & 1 == 1).map(|(_, &used)| used).sum() };
     let mut loads: Vec<(f64, usize)> = (0..CELLS).map(|cell| (load(cell), cell)).collect();
     loads.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let relative = |given: Mask| -> f64 {
@@ -154,7 +156,8 @@ fn connection(
     values: &[f64],
 ) -> Vec<Broken> {
     let target = Target { variable: layout.sample(i), whole };
-    let shares: Vec<(Place, usize, i64)> = witnesses.iter().zip(weights).map(|(w, &weight)| (w.place, w.variable, weight)).collect();
+    let shares: Vec<(Place, usize, i64)> =
+        witnesses.iter().zip(weights).map(|(w, &weight)| (w.place, w.variable, weight)).collect();
     nested(graph, layout, &target, &shares, values)
 }
 
@@ -212,7 +215,9 @@ fn connection_row(graph: &Graph, layout: &Layout, target: &Target, images: &[(Pl
 
 /// x(cut of S) + s(S) >= 2 w for the most used sight w of a waypoint in S.
 fn of_vertex(graph: &Graph, layout: &Layout, v: usize, values: &[f64]) -> Vec<Broken> {
-    let Some(sight) = layout.sights(v).max_by(|&a, &b| values[a].total_cmp(&values[b]).then(b.cmp(&a))) else { return Vec::new() };
+    let Some(sight) = layout.sights(v).max_by(|&a, &b| values[a].total_cmp(&values[b]).then(b.cmp(&a))) else {
+        return Vec::new();
+    };
     if values[sight] < LEAST_VISIT {
         return Vec::new();
     }
@@ -241,7 +246,12 @@ fn network(graph: &Graph, layout: &Layout, values: &[f64], opened: &[bool], want
 }
 
 /// Flights across the border of S, the waypoints that are not `outside`, and ends of the walk in it, `times` each.
-fn boundary<'a>(graph: &'a Graph, layout: &'a Layout, outside: &'a [bool], times: i64) -> impl Iterator<Item = (usize, i64)> + 'a {
+fn boundary<'a>(
+    graph: &'a Graph,
+    layout: &'a Layout,
+    outside: &'a [bool],
+    times: i64,
+) -> impl Iterator<Item = (usize, i64)> + 'a {
     let crossing = move |&e: &usize| outside[graph.edges[e].ends[0]] != outside[graph.edges[e].ends[1]];
     let flights = (0..layout.edges).filter(crossing).map(move |e| (layout.edge(e), times));
     flights.chain((0..layout.vertices).filter(|&v| !outside[v]).map(move |v| (layout.ends(v), times)))

@@ -50,7 +50,9 @@ fn weigh_used(masks: &[Mask], uses: &[f64], needed: u32) -> Option<Vec<i64>> {
         match lightest(masks, &weights, 0, needed, WHOLE) {
             Search::GivenUp => return None,
             Search::Lightest(None) => return Some(weights),
-            Search::Lightest(Some(set)) => program.rows.push(Row { terms: set.into_iter().map(|j| (j, 1)).collect(), at_least: 1 }),
+            Search::Lightest(Some(set)) => {
+                program.rows.push(Row { terms: set.into_iter().map(|j| (j, 1)).collect(), at_least: 1 })
+            }
         }
         let found = program.solve(&active).values;
         weights = found.iter().map(|&value| ((value * WHOLE as f64 - 1e-3).ceil() as i64).clamp(0, WHOLE)).collect();
@@ -62,7 +64,8 @@ fn weigh_used(masks: &[Mask], uses: &[f64], needed: u32) -> Option<Vec<i64>> {
     // Sets are still missing: raising all weights in proportion makes the lightest one heavy enough.
     let Search::Lightest(Some(set)) = lightest(masks, &weights, 0, needed, WHOLE) else { return None };
     let least: i64 = set.iter().map(|&j| weights[j]).sum();
-    (least > 0).then(|| weights.iter().map(|&weight| (weight * WHOLE + least - 1) / least).map(|weight| weight.min(WHOLE)).collect())
+    (least > 0)
+        .then(|| weights.iter().map(|&weight| (weight * WHOLE + least - 1) / least).map(|weight| weight.min(WHOLE)).collect())
 }
 
 enum Search {
@@ -75,12 +78,14 @@ enum Search {
 fn lightest(masks: &[Mask], weights: &[i64], given: Mask, needed: u32, limit: i64) -> Search {
     let free = (0..masks.len()).filter(|&j| weights[j] == 0);
     let start = free.clone().fold(given, |cells, j| cells | masks[j]);
-    let mut order: Vec<usize> = (0..masks.len()).filter(|&j| weights[j] > 0 && weights[j] < limit && masks[j] & !start != 0).collect();
+    let mut order: Vec<usize> =
+        (0..masks.len()).filter(|&j| weights[j] > 0 && weights[j] < limit && masks[j] & !start != 0).collect();
     order.sort_by_key(|&j| (weights[j], std::cmp::Reverse(masks[j].count_ones()), j));
     // What all images from here on could still add, together: a branch that cannot reach the end is left.
     let mut rest = vec![0; order.len() + 1];
     (0..order.len()).rev().for_each(|k| rest[k] = rest[k + 1] | masks[order[k]]);
-    let mut search = Branches { masks, weights, order: &order, rest: &rest, needed, best: limit, set: None, chosen: Vec::new(), steps: 0 };
+    let mut search =
+        Branches { masks, weights, order: &order, rest: &rest, needed, best: limit, set: None, chosen: Vec::new(), steps: 0 };
     search.branch(0, start, 0);
     if search.steps > MOST_STEPS {
         return Search::GivenUp;

@@ -46,7 +46,9 @@ pub struct Bound {
 /// Why there is no bound.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum BoundError {
-    #[error("no sample of the scene can be captured, so that there is nothing to bound; take a rig with a wider view or raise `flight.legal_ceiling_m`")]
+    #[error(
+        "no sample of the scene can be captured, so that there is nothing to bound; take a rig with a wider view or raise `flight.legal_ceiling_m`"
+    )]
     NothingCapturable,
     #[error(
         "no plan on a graph of {waypoints} waypoints is sufficient: all its images together capture {reachable} samples, and {sufficient} are needed; ask \
@@ -104,7 +106,12 @@ const FIRST_NEIGHBOURS: usize = 6;
 const MOST_FLIGHTS: i64 = 1000;
 
 /// Bounds the length of the plans on a graph that [`Graph::of_problem`] makes with the neighbour radius of the search, and looks for a short one.
-pub fn bound(problem: &Problem, options: &BoundOptions, stop: &StopToken, on_progress: &mut dyn FnMut(&Progress)) -> Result<Bound, BoundError> {
+pub fn bound(
+    problem: &Problem,
+    options: &BoundOptions,
+    stop: &StopToken,
+    on_progress: &mut dyn FnMut(&Progress),
+) -> Result<Bound, BoundError> {
     if problem.capturable == 0 {
         return Err(BoundError::NothingCapturable);
     }
@@ -116,7 +123,8 @@ pub fn bound(problem: &Problem, options: &BoundOptions, stop: &StopToken, on_pro
     }
     // The directions of a camera on a gimbal are bounded, but no plan with them is sought.
     let is_planned = matches!(problem.rig.cameras, Cameras::Panoramic { .. });
-    let plan = is_planned.then(|| plan::shortest(&graph, &Routes::new(&graph), options.plan_rounds, options.seed, stop)).flatten();
+    let plan =
+        is_planned.then(|| plan::shortest(&graph, &Routes::new(&graph), options.plan_rounds, options.seed, stop)).flatten();
     let plan_um = plan.as_ref().map(|plan| plan.length_um);
     let outcome = lower_bound(&graph, stop, &mut |progress| on_progress(&Progress { plan_um, ..*progress }));
     if outcome.bound_um == 0 && outcome.ended == Ended::Stopped {

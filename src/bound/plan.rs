@@ -77,7 +77,8 @@ impl Tours<'_> {
             kept.drain(first..first + taken);
         } else {
             let place = kept[centre];
-            let mut by_distance: Vec<(i64, usize)> = kept.iter().map(|&stop| (self.routes.length_um(place, stop), stop)).collect();
+            let mut by_distance: Vec<(i64, usize)> =
+                kept.iter().map(|&stop| (self.routes.length_um(place, stop), stop)).collect();
             by_distance.sort_unstable();
             let out: Vec<usize> = by_distance.into_iter().take(taken).map(|(_, stop)| stop).collect();
             kept.retain(|stop| !out.contains(stop));

@@ -12,6 +12,7 @@ pub mod settings;
 pub mod stop;
 
 pub mod baseline;
+pub mod bound;
 pub mod camera;
 pub mod coverage;
 pub mod field;

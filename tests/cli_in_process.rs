@@ -25,6 +25,7 @@ fn help_teaches_with_examples_units_and_exit_codes() {
         "reload",
         "stop",
         "bench",
+        "bound",
         "generate",
         "degrade",
         "reproduce",

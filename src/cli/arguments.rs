@@ -76,6 +76,8 @@ pub enum Command {
     Stop(Reach),
     /// Measure this machine
     Bench(BenchArgs),
+    /// Prove how short a flight can be at all, on a graph of waypoints in a small scene
+    Bound(BoundArgs),
     /// Write a generated city block as GeoJSON
     Generate(GenerateArgs),
     /// Write a scene file as an imperfect proxy: wrong heights, dilated boundaries
@@ -380,6 +382,37 @@ pub struct BenchArgs {
     pub config: Option<PathBuf>,
     #[command(flatten)]
     pub sizes: SizeArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "For small scenes: 150 samples and 100 waypoints take one to five minutes; Ctrl-C ends with the best bound so far. The bound is certified in whole numbers, whatever the solver's tolerance, for plans on the graph \
+    alone; the answer says what exactly is bounded. A plan on the same graph is made for comparison where an image sees all around. With --out it \
+    writes bound.json.\n\nExample:\n  overfly generate --extent 100,100 --buildings 4 --out block.geojson\n  overfly bound block.geojson --samples 150 --viewpoints 200"
+)]
+pub struct BoundArgs {
+    /// Scene file
+    pub file: PathBuf,
+    /// Cameras of the drone: a preset or a rig file
+    #[arg(long, value_name = "PRESET|RIG.toml", default_value = "panoramic")]
+    pub rig: String,
+    /// Viewpoints of the field that plans may use, spread evenly
+    #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true, value_parser = values::waypoints)]
+    pub waypoints: u32,
+    /// Rounds of the search for a plan on the graph
+    #[arg(long, value_name = "K", default_value_t = 3000, allow_negative_numbers = true, value_parser = values::count)]
+    pub rounds: u32,
+    /// Seed of that search
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub sizes: SizeArgs,
+    /// Folder for bound.json; without it only the figures are printed
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// TOML file whose keys replace the built-in values
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

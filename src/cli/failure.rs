@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use overfly_client::{ClientError, DomainError, RefusalCode};
 use serde_json::json;
 
+use crate::bound::BoundError;
 use crate::camera::RigError;
 use crate::daemon::{ConfigurationError, DaemonError};
 use crate::mission::plan_read::PlanReadError;
@@ -54,6 +55,8 @@ pub enum Failure {
     #[error(transparent)]
     Plan(#[from] PlanError),
     #[error(transparent)]
+    Bound(BoundError),
+    #[error(transparent)]
     Rig(RigError),
     #[error("{path:?}: {cause}")]
     RigFile { path: PathBuf, cause: RigError },
@@ -91,7 +94,7 @@ impl Failure {
             Failure::RigFile { .. } | Failure::PlanFile(_) | Failure::Misplaced(_) | Failure::UnknownScene { .. } => {
                 Kind::InputFile
             }
-            Failure::Field(_) | Failure::Plan(_) | Failure::Rig(_) => Kind::NoPlan,
+            Failure::Field(_) | Failure::Plan(_) | Failure::Bound(_) | Failure::Rig(_) => Kind::NoPlan,
             Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,
             Failure::Write { .. } | Failure::Print(_) | Failure::Drawing(_) | Failure::Unexpected(_) => Kind::Unexpected,
         }

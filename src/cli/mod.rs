@@ -3,6 +3,7 @@
 mod answer;
 mod arguments;
 mod bench;
+mod bound;
 mod bounded_file;
 mod daemon;
 mod degrade;
@@ -74,6 +75,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Reload(reach) => status::reload(reach).map(Some),
         Command::Stop(reach) => status::stop(reach).map(Some),
         Command::Bench(arguments) => bench::run(arguments, form).map(Some),
+        Command::Bound(arguments) => bound::run(arguments, form).map(Some),
         Command::Generate(arguments) => generate::run(arguments, form).map(Some),
         Command::Degrade(arguments) => degrade::run(arguments, form).map(Some),
         Command::Reproduce(arguments) => reproduce::run(arguments, form).map(Some),

@@ -24,6 +24,9 @@ pub struct Outline(pub Vec<[f64; 2]>);
 /// Largest count of samples, viewpoints, iterations or rounds.
 const MOST: u32 = 10_000_000;
 
+/// Waypoints of a bound's graph.
+const MOST_WAYPOINTS: u32 = 1000;
+
 /// Largest size of a coordinate, m, or of an angle, degrees: no scene reaches farther.
 const MOST_SIZE: f64 = 1e7;
 
@@ -96,6 +99,12 @@ pub fn height_percent(text: &str) -> Result<f64, ValueError> {
 pub fn count(text: &str) -> Result<u32, ValueError> {
     let count = text.trim().parse().ok().filter(|count| (1..=MOST).contains(count));
     count.ok_or_else(|| ValueError::WholeNumber { text: text.to_owned(), least: 1, most: MOST.into() })
+}
+
+/// How many waypoints a graph has: the work grows with the square of their number and more.
+pub fn waypoints(text: &str) -> Result<u32, ValueError> {
+    let waypoints = text.trim().parse().ok().filter(|waypoints| (2..=MOST_WAYPOINTS).contains(waypoints));
+    waypoints.ok_or_else(|| ValueError::WholeNumber { text: text.to_owned(), least: 2, most: MOST_WAYPOINTS.into() })
 }
 
 /// How many seeds.

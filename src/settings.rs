@@ -207,6 +207,8 @@ pub struct RefineSettings {
     /// By how much a change may make the flight worse, on average, in the first and in the last round, s.
     pub hottest_s: f64,
     pub coldest_s: f64,
+    /// Cells by which a sample has to exceed the threshold while the flight is improved.
+    pub margin_cells: u32,
     /// What all cells of a sample, and a sample beyond the goal, are worth, as shares of a sample's price.
     pub cells_share: f64,
     pub surplus_share: f64,

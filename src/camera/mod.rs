@@ -10,7 +10,7 @@ use nalgebra::{Point3, Unit, Vector3};
 pub use intrinsics::Intrinsics;
 pub use rig::{Battery, Cameras, Mount, Rig, sight_scale};
 pub use rig_file::RigError;
-pub use view::{View, direction_of, pitch_rad};
+pub use view::{Targets, View, direction_of, pitch_rad};
 
 /// Where a rig is and how it is turned.
 ///

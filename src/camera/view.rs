@@ -1,5 +1,6 @@
 //! The frustum of one image.
 
+use multiversion::multiversion;
 use nalgebra::{Point3, Unit, Vector3};
 
 /// A frustum with its apex at `position`: what an image frames.
@@ -26,6 +27,49 @@ impl View {
         let to_target = target - self.position;
         let depth = to_target.dot(&self.forward);
         to_target.dot(&self.right).abs() <= depth && to_target.dot(&self.up).abs() <= depth
+    }
+}
+
+/// Places by coordinate, so that many of them are tested against a frustum at once.
+#[derive(Clone, Debug, Default)]
+pub struct Targets {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    z: Vec<f64>,
+}
+
+impl Targets {
+    pub fn push(&mut self, target: &Point3<f64>) {
+        self.x.push(target.x);
+        self.y.push(target.y);
+        self.z.push(target.z);
+    }
+
+    pub fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.x.is_empty()
+    }
+}
+
+impl View {
+    /// Marks the targets that lie within the frustum; marks that are there already stay.
+    pub fn mark_framed(&self, targets: &Targets, marks: &mut [bool]) {
+        mark_kernel(self, &targets.x, &targets.y, &targets.z, marks);
+    }
+}
+
+#[multiversion(targets("x86_64+avx2", "aarch64+neon"))]
+fn mark_kernel(view: &View, x: &[f64], y: &[f64], z: &[f64], marks: &mut [bool]) {
+    let View { position, forward, right, up } = view;
+    for (((x, y), z), mark) in x.iter().zip(y).zip(z).zip(marks) {
+        let (x, y, z) = (x - position.x, y - position.y, z - position.z);
+        // In the order of a dot product, so that it rounds as `View::frames` does.
+        let along = |axis: &Vector3<f64>| x * axis.x + y * axis.y + z * axis.z;
+        let depth = along(forward);
+        *mark |= (along(right).abs() <= depth) & (along(up).abs() <= depth);
     }
 }
 
@@ -69,6 +113,11 @@ mod tests {
             let target = Point3::new(5.0, 6.0, 7.0)
                 + (direction.into_inner() + right * across_deg.to_radians().tan() + up * upward_deg.to_radians().tan()) * depth;
             prop_assume!((across_deg.abs() - 30.0).abs() > 1e-6 && (upward_deg.abs() - 20.0).abs() > 1e-6);
+            let mut targets = Targets::default();
+            [target, Point3::new(5.0, 6.0, 7.0) + (target - Point3::new(5.0, 6.0, 7.0)) * 2.0, target].iter().for_each(|target| targets.push(target));
+            let mut marks = vec![false, false, true];
+            view.mark_framed(&targets, &mut marks);
+            prop_assert_eq!(marks, vec![view.frames(&target), view.frames(&target), true]);
             prop_assert_eq!(view.frames(&target), across_deg.abs() < 30.0 && upward_deg.abs() < 20.0);
             let behind = Point3::new(5.0, 6.0, 7.0) - direction.into_inner() * depth;
             prop_assert!(!view.frames(&behind));

@@ -1,5 +1,6 @@
 //! Coverage disks D_i^j: what one view contributes to one sample (paper, section 4.1 and Fig. 4).
 
+use multiversion::multiversion;
 use nalgebra::{Point3, Vector3};
 
 use super::hemisphere::{CELLS, Mask, cell_direction};
@@ -29,7 +30,7 @@ impl SampleFrame {
 #[derive(Debug)]
 pub struct DiskModel {
     shape: DiskShape,
-    cells: Vec<Vector3<f64>>,
+    cells: CellDirections,
     masks: Vec<Mask>,
     /// Half-angle of a frontal disk by distance, rad, at equal steps up to the range.
     frontal: Vec<f64>,
@@ -89,11 +90,39 @@ impl DiskShape {
     }
 }
 
-impl Disk {
-    /// Which of the cells lie within the disk, in their order.
-    pub fn covers<'a>(&self, cells: &'a [Vector3<f64>]) -> impl Iterator<Item = bool> + use<'a> {
-        let (direction, least) = (self.direction, libm::cos(self.half_angle));
-        cells.iter().map(move |cell| cell.dot(&direction) >= least)
+/// The directions of as many cells as a mask has bits, by coordinate, so that a disk is held against several at once.
+#[derive(Clone, Debug)]
+pub(super) struct CellDirections {
+    x: [f64; CELLS],
+    y: [f64; CELLS],
+    z: [f64; CELLS],
+}
+
+impl CellDirections {
+    /// `direction` of each cell, by its bit.
+    pub fn new(direction: impl Fn(usize) -> Vector3<f64>) -> Self {
+        let coordinate = |axis: usize| std::array::from_fn(|k| direction(k)[axis]);
+        Self { x: coordinate(0), y: coordinate(1), z: coordinate(2) }
+    }
+
+    /// The cells that lie within a disk.
+    pub fn within(&self, disk: &Disk) -> Mask {
+        let mut flags = [0u8; CELLS];
+        flag_kernel(self, disk.direction.into(), libm::cos(disk.half_angle), &mut flags);
+        // Eight flags of one byte become eight bits: the product brings each to its place in the top byte.
+        let packed = |bytes: &[u8]| {
+            let bytes = u64::from_le_bytes(bytes.try_into().expect("eight of them"));
+            bytes.wrapping_mul(0x0102_0408_1020_4080) >> 56
+        };
+        flags.chunks_exact(8).enumerate().fold(0, |mask, (k, bytes)| mask | Mask::from(packed(bytes)) << (8 * k))
+    }
+}
+
+#[multiversion(targets("x86_64+avx2", "aarch64+neon"))]
+fn flag_kernel(cells: &CellDirections, [x, y, z]: [f64; 3], least: f64, flags: &mut [u8; CELLS]) {
+    for k in 0..CELLS {
+        // In the order of a dot product.
+        flags[k] = u8::from(cells.x[k] * x + cells.y[k] * y + cells.z[k] * z >= least);
     }
 }
 
@@ -104,7 +133,7 @@ impl DiskModel {
         let least_half_angle = half_angle(settings, settings.range_m, shape.min_cosine);
         let mut model = Self {
             shape,
-            cells: (0..CELLS).map(cell_direction).collect(),
+            cells: CellDirections::new(cell_direction),
             masks: Vec::new(),
             frontal: (0..=DISTANCES).map(|k| half_angle(settings, settings.range_m * k as f64 / DISTANCES as f64, 1.0)).collect(),
             least_half_angle,
@@ -143,11 +172,7 @@ impl DiskModel {
 
     /// The same without the table's rounding, cell by cell: for reported figures and as the table's oracle.
     pub fn exact_mask(&self, sample: &SampleFrame, view: &Point3<f64>) -> Mask {
-        self.shape.exact(sample, view).map_or(0, |disk| self.cells_within(&disk))
-    }
-
-    fn cells_within(&self, disk: &Disk) -> Mask {
-        disk.covers(&self.cells).enumerate().fold(0, |mask, (k, covered)| mask | Mask::from(covered) << k)
+        self.shape.exact(sample, view).map_or(0, |disk| self.cells.within(&disk))
     }
 
     fn tabulate(&self) -> Vec<Mask> {
@@ -159,7 +184,7 @@ impl DiskModel {
                 for x in (0..GRID).map(centre) {
                     // Bins at the rim have centres outside of the disk: they stand for the horizon below them.
                     let direction = Vector3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt()).normalize();
-                    masks.push(self.cells_within(&Disk { direction, half_angle }));
+                    masks.push(self.cells.within(&Disk { direction, half_angle }));
                 }
             }
         }
@@ -206,6 +231,16 @@ mod tests {
             prop_assert!(admissible || mask == 0);
             // A grazing disk may fall between the cells; a steeper one never does.
             prop_assert!(mask != 0 || !admissible || direction.dot(&normal) < 75f64.to_radians().cos());
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_disk_covers_the_cells_that_lie_within_its_half_angle(direction in unit(), half_angle in 0.0..1.5f64) {
+            let mask = CellDirections::new(cell_direction).within(&Disk { direction, half_angle });
+            for k in 0..CELLS {
+                prop_assert_eq!(mask >> k & 1 == 1, cell_direction(k).dot(&direction) >= libm::cos(half_angle), "cell {}", k);
+            }
         }
     }
 

@@ -99,11 +99,14 @@ impl<'a> Annealing<'a> {
         self.demand.required
     }
 
-    /// Asks for more samples, and begins anew to look for the best flight from the best so far.
-    pub fn demand_more(&mut self, samples: u32) {
-        self.demand.required += samples;
+    /// Takes note of how many samples the best flight really captures, and demands as many as make up for the difference from now on; the
+    /// search for the best flight begins anew from there.
+    pub fn calibrate(&mut self, really: u32) {
+        let Aim::LeastTime { required } = self.aim else { return };
+        let counted = self.best.captured;
+        self.demand.required = (required + counted).saturating_sub(really).clamp(1, self.flight.counts.countable());
         self.flight = Flight::new(self.ground, &self.best.path);
-        self.best.captured = 0;
+        self.best.duration_ns = u64::MAX;
         self.keep_best();
     }
 

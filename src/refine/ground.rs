@@ -6,7 +6,7 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use super::counts::CellCounts;
 use super::sights::Sights;
-use crate::camera::{Cameras, Pose};
+use crate::camera::{Cameras, Pose, Targets};
 use crate::search::Problem;
 use crate::search::leg::image_poses;
 use crate::settings::{RefineSettings, Settings};
@@ -23,9 +23,18 @@ pub struct Ground<'a> {
     pub is_start_fixed: bool,
     /// Samples that can be captured.
     pub capturable: Vec<u32>,
+    /// Capturable samples in each row of the field.
+    rows: Vec<Row>,
     /// Viewpoints of the field that see each sample.
     pub seers: Vec<Vec<u32>>,
     pub nothing: Arc<Sights>,
+}
+
+/// The capturable samples of a row of the field, with their positions.
+#[derive(Clone, Debug, Default)]
+struct Row {
+    samples: Vec<u32>,
+    targets: Targets,
 }
 
 /// How visibility is found.
@@ -40,8 +49,13 @@ pub enum Look {
 impl<'a> Ground<'a> {
     pub fn new(problem: &'a Problem<'a>, settings: &'a Settings, is_start_fixed: bool) -> Self {
         let mut seers = vec![Vec::new(); problem.frames.len()];
-        for j in 0..problem.field.viewpoints.len() {
-            problem.capturable_seen_from(j).for_each(|i| seers[i].push(j as u32));
+        let mut rows = vec![Row::default(); problem.field.viewpoints.len()];
+        for (j, row) in rows.iter_mut().enumerate() {
+            for i in problem.capturable_seen_from(j) {
+                seers[i].push(j as u32);
+                row.samples.push(i as u32);
+                row.targets.push(&problem.frames[i].position);
+            }
         }
         Self {
             problem,
@@ -50,14 +64,20 @@ impl<'a> Ground<'a> {
             is_rigid: matches!(problem.rig.cameras, Cameras::Rigid(_)),
             is_start_fixed,
             capturable: (0..problem.frames.len() as u32).filter(|&i| problem.is_capturable(i as usize)).collect(),
+            rows,
             seers,
             nothing: Arc::new(Sights::default()),
         }
     }
 
-    /// Empty counters with the thresholds of the problem.
+    /// Empty counters. A sample has to exceed the threshold of the problem by a margin, as far as it can: an image that is taken half a
+    /// metre away, on the arc of a corner or in a gust, must not lose it.
     pub fn counts(&self) -> CellCounts {
-        CellCounts::new(self.problem.thresholds.clone())
+        let raised = |(&threshold, &ceiling): (&u32, &u16)| match u32::from(ceiling).checked_sub(threshold + 1) {
+            Some(most) => threshold + self.settings.margin_cells.min(most),
+            None => threshold,
+        };
+        CellCounts::new(self.problem.thresholds.iter().zip(&self.problem.ceilings).map(raised).collect())
     }
 
     /// What the image at a waypoint sees; where the cameras are bolted on, it belongs to the leg that arrives.
@@ -84,9 +104,22 @@ impl<'a> Ground<'a> {
 
     fn see(&self, pose: &Pose, look: Look, sights: &mut Sights) {
         sights.begin_image();
-        match look {
-            Look::Field => self.problem.promised(pose, &mut |sample, mask| sights.push(sample, mask)),
-            Look::Rays => self.problem.confirmed(pose, &mut |sample, mask| sights.push(sample, mask)),
+        let problem = self.problem;
+        let Some(j) = problem.viewpoint_for(&pose.position) else { return };
+        let row = &self.rows[j];
+        let frusta = problem.rig.frusta(pose);
+        let mut marks = vec![frusta.is_none(); row.samples.len()];
+        frusta.iter().flatten().for_each(|view| view.mark_framed(&row.targets, &mut marks));
+        for (&sample, _) in row.samples.iter().zip(&marks).filter(|(_, is_framed)| **is_framed) {
+            let (i, frame) = (sample as usize, &problem.frames[sample as usize]);
+            let mask = match look {
+                Look::Field => problem.disks.mask(frame, &pose.position),
+                Look::Rays if problem.is_in_sight(i, &pose.position) => problem.disks.exact_mask(frame, &pose.position),
+                Look::Rays => 0,
+            };
+            if mask != 0 {
+                sights.push(sample, mask);
+            }
         }
     }
 

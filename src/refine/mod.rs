@@ -35,12 +35,14 @@ const WARM_UP: u32 = 8;
 /// Later rounds take this share of the time of the first ones: the flight is shorter then, and fewer changes are accepted.
 const LATER_SHARE: f64 = 0.75;
 
-/// What is added when the finished flight misses samples that its images were to capture: rounds as a share of all, and how often.
-const REPAIR_SHARE: f64 = 0.05;
-const REPAIRS: u32 = 3;
+/// How often it is looked at what the flight really captures: after shares of the rounds, then at the end, as long as samples are missing and
+/// with so many more rounds each time, as a share of all.
+const CALIBRATIONS: [f64; 3] = [0.5, 0.75, 0.9];
+const REPAIRS: u32 = 4;
+const REPAIR_SHARE: f64 = 0.04;
 
-/// Improves a flight round by round. `confirm` counts the capturable samples that the finished flight really captures; when some are
-/// missing, that many more are demanded.
+/// Improves a flight round by round. `confirm` counts the capturable samples that a finished flight really captures; what it has more or
+/// less than was counted on decides how many are demanded.
 pub fn refine(
     ground: &Ground,
     path: &[Pose],
@@ -74,6 +76,10 @@ pub fn refine(
     while done < rounds && !stop.is_stopped() {
         round(&mut annealing, temperature_s(ground, done, rounds), rounds);
         done += 1;
+        if CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32) {
+            let really = confirm(&annealing.best().path);
+            annealing.calibrate(really);
+        }
         if done == WARM_UP
             && let (Budget::Seconds(seconds), Some(begun_s), Some(now_s)) = (budget, begun_s, stop.elapsed_s())
         {
@@ -83,15 +89,16 @@ pub fn refine(
     }
     let mut reason = if stop.is_stopped() { StopReason::Cancelled } else { StopReason::IterationsUsed };
     if let Aim::LeastTime { required } = aim {
-        for _ in 0..REPAIRS {
-            let missing = required.saturating_sub(confirm(&annealing.best().path));
-            if missing == 0 && annealing.best().captured >= required {
+        for repair in 0..=REPAIRS {
+            let really = confirm(&annealing.best().path);
+            if really >= required {
                 reason = StopReason::GoalReached;
-            }
-            if missing == 0 || annealing.best().captured < annealing.required() || stop.is_stopped() {
                 break;
             }
-            annealing.demand_more(missing);
+            if repair == REPAIRS || stop.is_stopped() {
+                break;
+            }
+            annealing.calibrate(really);
             for _ in 0..(f64::from(rounds) * REPAIR_SHARE).ceil() as u32 {
                 round(&mut annealing, ground.settings.coldest_s, rounds);
             }

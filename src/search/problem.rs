@@ -48,8 +48,6 @@ pub struct Problem<'a> {
     pub view_directions: Vec<Unit<Vector3<f64>>>,
     pub disks: &'a DiskModel,
     lookup: &'a Lookup,
-    /// The capturable samples, as the bits of a row.
-    capturable_bits: Vec<u64>,
     /// How far in front of a sample a line of sight ends, m.
     offset_m: f64,
     /// No image gains more than this.
@@ -96,7 +94,6 @@ impl<'a> Problem<'a> {
             disks: &snapshot.disks,
             lookup: &snapshot.lookup,
             offset_m: snapshot.offset_m,
-            capturable_bits: bits(ceilings.iter().map(|cells| is_capturable(&cells))),
             most_of_image: most_of_image(&field, &snapshot.disks),
             areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
             thresholds: ceilings.iter().map(|cells| if is_capturable(&cells) { threshold } else { CELLS as u32 }).collect(),
@@ -169,37 +166,16 @@ impl<'a> Problem<'a> {
         seen_in(self.field.row(j)).filter(|&i| self.is_capturable(i))
     }
 
-    /// The capturable samples that an image sees by the field, in ascending order with the cells of their disks.
-    pub fn promised(&self, pose: &Pose, see: &mut impl FnMut(u32, Mask)) {
-        self.framed(pose, |i, frame| {
-            let mask = self.disks.mask(frame, &pose.position);
-            if mask != 0 {
-                see(i as u32, mask);
-            }
-        });
+    /// The viewpoint whose row of the field answers for a position: the nearest one in sight.
+    pub fn viewpoint_for(&self, position: &Point3<f64>) -> Option<usize> {
+        self.lookup.nearest_in_sight(position, &self.free.clearance)
     }
 
-    /// Those of them that it really sees, by rays, with the exact cells.
-    pub fn confirmed(&self, pose: &Pose, see: &mut impl FnMut(u32, Mask)) {
-        self.framed(pose, |i, frame| {
-            let end = frame.position + frame.normal * self.offset_m;
-            if self.disks.faces(frame, &pose.position) && !self.free.clearance.occluded(&pose.position, &end) {
-                see(i as u32, self.disks.exact_mask(frame, &pose.position));
-            }
-        });
-    }
-
-    /// The capturable samples that the field shows within the image.
-    fn framed(&self, pose: &Pose, mut take: impl FnMut(usize, &SampleFrame)) {
-        let Some(nearest) = self.lookup.nearest_in_sight(&pose.position, &self.free.clearance) else {
-            return;
-        };
-        let frusta = self.rig.frusta(pose);
-        for i in seen_among(self.field.row(nearest), &self.capturable_bits) {
-            if is_framed(frusta.as_deref(), &self.frames[i].position) {
-                take(i, &self.frames[i]);
-            }
-        }
+    /// Whether a sample can really be seen from a position: within range, from in front, and by a ray.
+    pub fn is_in_sight(&self, i: usize, position: &Point3<f64>) -> bool {
+        let frame = &self.frames[i];
+        let end = frame.position + frame.normal * self.offset_m;
+        self.disks.faces(frame, position) && !self.free.clearance.occluded(position, &end)
     }
 
     /// Every sample that the field shows at a position, whatever the direction of the cameras, with the cells of its disk.
@@ -255,27 +231,7 @@ impl Scratch {
 
 /// The samples whose bits are set in a row of the field, in ascending order.
 fn seen_in(row: &[u64]) -> impl Iterator<Item = usize> + '_ {
-    set_bits(row.iter().copied())
-}
-
-fn bits(flags: impl Iterator<Item = bool>) -> Vec<u64> {
-    let mut words = Vec::new();
-    for (i, flag) in flags.enumerate() {
-        if i % 64 == 0 {
-            words.push(0);
-        }
-        words[i / 64] |= u64::from(flag) << (i % 64);
-    }
-    words
-}
-
-/// The samples of a row that `counts` has as well.
-fn seen_among<'r>(row: &'r [u64], counts: &'r [u64]) -> impl Iterator<Item = usize> + 'r {
-    set_bits(row.iter().zip(counts).map(|(word, counts)| word & counts))
-}
-
-fn set_bits(words: impl Iterator<Item = u64>) -> impl Iterator<Item = usize> {
-    words.enumerate().flat_map(|(word_index, word)| {
+    row.iter().enumerate().flat_map(|(word_index, &word)| {
         let rest = std::iter::successors(Some(word), |rest| Some(rest & rest.wrapping_sub(1)));
         rest.take_while(|&rest| rest != 0).map(move |rest| word_index * 64 + rest.trailing_zeros() as usize)
     })

@@ -137,6 +137,7 @@ impl Settings {
             ("refine.sectors", f64::from(refine.sectors), 1.0, 64.0),
             ("refine.hottest_s", refine.hottest_s, 0.0, 1000.0),
             ("refine.coldest_s", refine.coldest_s, 0.0, 1000.0),
+            ("refine.margin_cells", f64::from(refine.margin_cells), 0.0, 128.0),
             ("refine.cells_share", refine.cells_share, 0.0, 100.0),
             ("refine.surplus_share", refine.surplus_share, 0.0, 1.0),
             ("refine.price_rise", refine.price_rise, 1.0, 10.0),

@@ -58,6 +58,7 @@ impl FineDisks {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
     use proptest::prelude::*;
 
     use super::*;

@@ -82,3 +82,26 @@ fn only_what_lies_in_the_region_counts() {
     let captured = (0..field.samples.len()).filter(|&i| west.is_capturable(i, threshold) && u32::from(west.cells[i]) > threshold);
     assert_eq!(west.metrics.coverage_percent, 100.0 * captured.count() as f64 / capturable as f64);
 }
+
+#[test]
+fn a_sampling_distance_brings_the_images_near() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(6), &settings));
+    let rig = Rig::preset("phantom4-rtk").expect("a preset");
+    let gsd_m = 0.006;
+    let near_m = gsd_m / rig.pixel_rad(0);
+    assert!(near_m < 0.5 * settings.coverage.range_m);
+    let near =
+        flown(&snapshot, &settings, &PlanOptions { gsd_m: Some(gsd_m), ..refined("phantom4-rtk", 40) }, &StopToken::default());
+    let far = flown(&snapshot, &settings, &refined("phantom4-rtk", 40), &StopToken::default());
+    assert!(near.metrics.capturable_percent < far.metrics.capturable_percent && near.metrics.coverage_percent > 50.0);
+    // What is covered is covered from near by.
+    let field = snapshot.field();
+    let captured: Vec<usize> = (0..field.samples.len()).filter(|&i| near.cells[i] > 0).collect();
+    assert!(captured.len() > 20);
+    for i in captured {
+        let sample = nalgebra::Point3::from(field.samples[i].position_m);
+        let nearest_m = near.images.iter().map(|image| (image.position_m - sample).norm()).fold(f64::INFINITY, f64::min);
+        assert!(nearest_m <= near_m, "sample {i} is {nearest_m} m from the nearest image");
+    }
+}

@@ -77,6 +77,9 @@ impl Sector {
 /// A sector has at least so many waypoints.
 const LEAST_SECTOR: usize = 8;
 
+/// More samples than this share beyond the demand are far too many.
+const LAVISH_SHARE: f64 = 0.01;
+
 /// What a sample costs at least and at most, ns.
 const PRICES_NS: (f64, f64) = (1e7, 60e9);
 
@@ -174,14 +177,22 @@ impl<'a> Annealing<'a> {
         (0..sectors).map(|k| Sector { head: head(k), tail: tail(k) }).collect()
     }
 
-    /// A sample becomes dearer while samples are missing, and cheaper while there are enough.
+    /// A sample becomes dearer while samples are missing, and cheaper while there are enough; much cheaper while there are far too many.
     fn adjust_price(&mut self) {
-        let is_short = match self.aim {
-            Aim::LeastTime { .. } => self.flight.counts.totals().captured < self.demand.required,
-            Aim::MostCoverage { .. } => self.flight.duration_ns() < self.within_ns,
+        let captured = self.flight.counts.totals().captured;
+        let (is_short, is_lavish) = match self.aim {
+            Aim::LeastTime { .. } => {
+                let surplus = captured.saturating_sub(self.demand.required);
+                (captured < self.demand.required, f64::from(surplus) > LAVISH_SHARE * f64::from(self.flight.counts.countable()))
+            }
+            Aim::MostCoverage { .. } => (self.flight.duration_ns() < self.within_ns, false),
         };
         let settings = self.ground.settings;
-        let factor = if is_short { settings.price_rise } else { settings.price_fall };
+        let factor = match (is_short, is_lavish) {
+            (true, _) => settings.price_rise,
+            (false, false) => settings.price_fall,
+            (false, true) => settings.price_fall * settings.price_fall * settings.price_fall,
+        };
         self.demand.price_ns = (self.demand.price_ns * factor).clamp(PRICES_NS.0, PRICES_NS.1);
     }
 

@@ -17,7 +17,7 @@ pub struct Ground<'a> {
     pub problem: &'a Problem<'a>,
     pub settings: &'a RefineSettings,
     pub limits: Limits,
-    /// Whether cameras are bolted on, so that an image belongs to the leg that arrives at it.
+    /// Whether cameras are bolted on, so that they look where the leg leads.
     pub is_rigid: bool,
     /// Whether the flight has to begin where it does.
     pub is_start_fixed: bool,
@@ -80,7 +80,8 @@ impl<'a> Ground<'a> {
         CellCounts::new(self.problem.thresholds.iter().zip(&self.problem.ceilings).map(raised).collect())
     }
 
-    /// What the image at a waypoint sees; where the cameras are bolted on, it belongs to the leg that arrives.
+    /// What the image at a waypoint sees. Bolted cameras look there as the nose does in the middle of its turn, which depends on the next
+    /// waypoint: what they see is not counted, and is an extra.
     pub fn at_waypoint(&self, pose: &Pose, look: Look) -> Arc<Sights> {
         if self.is_rigid {
             return Arc::clone(&self.nothing);
@@ -90,12 +91,12 @@ impl<'a> Ground<'a> {
         Arc::new(sights)
     }
 
-    /// What the images of a leg see without those at its ends; where the cameras are bolted on, with that at its end.
+    /// What the images of a leg see without those at its ends.
     pub fn on_leg(&self, from: &Pose, to: &Pose, look: Look) -> Arc<Sights> {
         let mut sights = Sights::default();
         let mut images = image_poses(&self.problem.rig, from, to, self.problem.image_spacing_m).peekable();
         while let Some(pose) = images.next() {
-            if self.is_rigid || images.peek().is_some() {
+            if images.peek().is_some() {
                 self.see(&pose, look, &mut sights);
             }
         }

@@ -1,11 +1,12 @@
 //! The whole pipeline on one screen.
 
+use geo::{Area, Coord, LineString, Polygon, Validation};
 use nalgebra::{Point3, Unit, Vector3};
 
 use crate::baseline::{self, BaselineError};
 use crate::camera::{Cameras, Pose, Rig, pitch_rad};
 use crate::field::Snapshot;
-use crate::refine::{self, Aim, Budget, Ground};
+use crate::refine::{self, Aim, Budget, Confirmed, Ground, Task};
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
 use crate::search::{Problem, SearchError, search};
@@ -33,8 +34,14 @@ pub struct PlanOptions {
     pub seed: u64,
     /// Iterations K of the tree search, or rounds of the refinement; `None` takes the setting.
     pub iterations: Option<u32>,
-    /// For the refinement: about how long it may take, s, in place of iterations. It needs a stop token with a clock.
+    /// For the refinement: about how long the search may take, s, in place of iterations. It needs a stop token with a clock.
     pub budget_s: Option<f64>,
+    /// Coverage goal G, percent of the capturable samples; `None` takes the setting.
+    pub goal_percent: Option<f64>,
+    /// For the refinement: the most coverage within this time of the speed profile, s, in place of a goal.
+    pub within_s: Option<f64>,
+    /// Corners of the area whose samples count, m in the local frame; `None` for the whole scene.
+    pub region_m: Option<Vec<[f64; 2]>>,
     /// Where the flight starts, m in the local frame; `None` chooses a start. The baselines begin where their tours do.
     pub start_m: Option<Point3<f64>>,
     /// Where a camera on a gimbal looks at the start; `None` chooses the direction.
@@ -44,7 +51,7 @@ pub struct PlanOptions {
 impl PlanOptions {
     /// A plan with everything else left to the planner.
     pub fn new(rig: Rig, method: Method, seed: u64) -> Self {
-        Self { rig, method, seed, iterations: None, budget_s: None, start_m: None, start_view: None }
+        Self { rig, method, seed, iterations: None, budget_s: None, goal_percent: None, within_s: None, region_m: None, start_m: None, start_view: None }
     }
 
     /// What can be refused before there is a scene.
@@ -52,15 +59,21 @@ impl PlanOptions {
         if let Some(iterations) = self.iterations.filter(|&iterations| iterations > MOST_ITERATIONS) {
             return Err(PlanError::Iterations { iterations });
         }
-        if let Some(budget_s) = self.budget_s {
-            let method = self.method.name();
+        for seconds in [self.budget_s, self.within_s].into_iter().flatten() {
             if self.method != Method::Refined {
-                return Err(PlanError::NoBudget { method });
+                return Err(PlanError::NoSeconds { method: self.method.name() });
             }
-            if self.iterations.is_some() || !(budget_s > 0.0 && budget_s <= MOST_BUDGET_S) {
-                return Err(PlanError::Budget { budget_s });
+            if !(seconds > 0.0 && seconds <= MOST_BUDGET_S) {
+                return Err(PlanError::Seconds { seconds });
             }
         }
+        if self.budget_s.is_some() && self.iterations.is_some() || self.within_s.is_some() && self.goal_percent.is_some() {
+            return Err(PlanError::Twofold);
+        }
+        if let Some(goal_percent) = self.goal_percent.filter(|percent| !(0.0..=100.0).contains(percent)) {
+            return Err(PlanError::Goal { goal_percent });
+        }
+        self.region().map(|_| ())?;
         let Some(view) = self.start_view else { return Ok(()) };
         let rig = self.rig.name.clone();
         let Cameras::Gimbal { sin_pitch, .. } = &self.rig.cameras else { return Err(PlanError::NoGimbal { rig }) };
@@ -69,6 +82,17 @@ impl PlanOptions {
         }
         let [least_deg, most_deg] = sin_pitch.map(|sin| libm::asin(sin).to_degrees());
         Err(PlanError::StartView { rig, pitch_deg: pitch_rad(&view).to_degrees(), least_deg, most_deg })
+    }
+}
+
+impl PlanOptions {
+    /// The area whose samples count.
+    fn region(&self) -> Result<Option<Polygon>, PlanError> {
+        let Some(corners) = &self.region_m else { return Ok(None) };
+        let ring: LineString = corners.iter().map(|&[x, y]| Coord { x, y }).collect();
+        let region = Polygon::new(ring, Vec::new());
+        let is_area = corners.iter().flatten().all(|v| v.is_finite()) && region.is_valid() && region.unsigned_area() > 0.0;
+        if is_area { Ok(Some(region)) } else { Err(PlanError::Region) }
     }
 }
 
@@ -131,12 +155,21 @@ pub enum PlanError {
     NoGimbal { rig: String },
     #[error("{iterations} iterations were asked for; the most is {most}", most = MOST_ITERATIONS)]
     Iterations { iterations: u32 },
-    #[error("the method {method:?} takes no seconds: it ends by itself; give iterations, or the method \"refined\"")]
-    NoBudget { method: &'static str },
+    #[error("the method {method:?} takes no seconds, neither for its search nor for the flight; the method \"refined\" does")]
+    NoSeconds { method: &'static str },
+    #[error("{seconds} s will not do; give more than 0 and at most {most} s", most = MOST_BUDGET_S)]
+    Seconds { seconds: f64 },
+    #[error("give either iterations or seconds for the search, and either a coverage goal or a time for the flight")]
+    Twofold,
+    #[error("the coverage goal of {goal_percent} % will not do; give 0 to 100")]
+    Goal { goal_percent: f64 },
+    #[error("the region crosses itself or has no area; put its corners in order")]
+    Region,
     #[error(
-        "a budget of {budget_s} s cannot be kept: give either iterations or more than 0 and at most {most} s", most = MOST_BUDGET_S
+        "no flight of {within_s} s was found that captures anything; the shortest one takes {least_s:.1} s: give it more time, or a start \
+         nearer to the structures"
     )]
-    Budget { budget_s: f64 },
+    TooShort { within_s: f64, least_s: f64 },
     #[error(
         "no sample of the scene can be captured: no admissible view of {rig:?} comes within {range_m} m and sees enough of it; raise \
          `flight.legal_ceiling_m` ({ceiling_m} m) or `coverage.range_m`, or take a rig with a wider view"
@@ -171,8 +204,9 @@ pub fn plan(
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Plan, PlanError> {
     options.check()?;
+    let settings = &with_goal(settings, options.goal_percent);
     let rig = &flown_rig(options, settings);
-    let problem = Problem::new(snapshot, settings, rig.clone());
+    let problem = Problem::within(snapshot, settings, rig.clone(), options.region()?.as_ref());
     if problem.capturable == 0 {
         let (range_m, ceiling_m) = (settings.coverage.range_m, settings.flight.legal_ceiling_m);
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
@@ -221,6 +255,12 @@ pub fn plan(
     })
 }
 
+fn with_goal(settings: &Settings, goal_percent: Option<f64>) -> Settings {
+    let mut settings = settings.clone();
+    settings.coverage.goal_percent = goal_percent.unwrap_or(settings.coverage.goal_percent);
+    settings
+}
+
 impl From<BaselineError> for PlanError {
     fn from(error: BaselineError) -> Self {
         if error == BaselineError::Abandoned { PlanError::Abandoned } else { PlanError::Baseline(error) }
@@ -239,6 +279,7 @@ fn tree_search(
     let start = start_pose(problem, options, stop)?;
     let iterations = options.iterations.unwrap_or(settings.search.iterations);
     let confirm = |path: &[Pose]| captured(snapshot, settings, problem, path, stop);
+    let confirm = |path: &[Pose]| confirm(path).captured;
     let outcome = search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?;
     Ok(Found::of(outcome, problem))
 }
@@ -252,29 +293,46 @@ fn refined(
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Found, PlanError> {
+    let begun_s = stop.elapsed_s();
     let start = start_pose(problem, options, stop)?;
     let confirm = |path: &[Pose]| captured(snapshot, settings, problem, path, stop);
-    let tree = search(problem, start, settings.refine.tree_iterations, options.seed, stop, &confirm, &mut |_| {})?;
+    let tree = search(problem, start, settings.refine.tree_iterations, options.seed, stop, &|path| confirm(path).captured, &mut |_| {})?;
     if tree.path.len() < 2 {
         return Ok(Found::of(tree, problem));
     }
     let ground = Ground::new(problem, settings, options.start_m.is_some());
-    let budget = match options.budget_s {
-        Some(seconds) => Budget::Seconds(seconds),
-        None => Budget::Rounds(options.iterations.unwrap_or(settings.refine.rounds)),
+    let rounds = options.iterations.unwrap_or_else(|| refine::rounds_of(settings, problem));
+    let task = Task {
+        aim: match options.within_s {
+            Some(within_s) => Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 },
+            None => Aim::LeastTime { required: problem.sufficient },
+        },
+        budget: options.budget_s.zip(begun_s).map_or(Budget::Rounds(rounds), |(seconds, begun_s)| Budget::Until(begun_s + seconds)),
+        seed: options.seed,
     };
-    let aim = Aim::LeastTime { required: problem.sufficient };
-    let outcome = refine::refine(&ground, &tree.path, aim, budget, options.seed, stop, &confirm, on_progress);
+    let outcome = refine::refine(&ground, &tree.path, &task, stop, &confirm, on_progress);
+    if let Some(within_s) = options.within_s {
+        let least_s = profile(&outcome.path, snapshot, settings, problem).duration_s();
+        if least_s > within_s {
+            return Err(PlanError::TooShort { within_s, least_s });
+        }
+    }
     Ok(Found::of(outcome, problem))
 }
 
-/// Capturable samples that a path captures, by exact rays from its images.
-fn captured(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &[Pose], stop: &StopToken) -> u32 {
-    let limits = Limits::new(&problem.rig, &settings.flight, &settings.dynamics);
-    let profile = Profile::rounded(path, &limits, &safety::deviations_m(path, &limits, &snapshot.free));
+/// What a finished path is really worth, by exact rays from its images.
+fn captured(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &[Pose], stop: &StopToken) -> Confirmed {
+    let profile = profile(path, snapshot, settings, problem);
     let route = Route::continuous(path, &problem.rig, problem.image_spacing_m);
     let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
-    evaluate::sightings(snapshot, &images, stop).map_or(0, |sightings| sightings.capture(problem, |_| true).captured)
+    let captured = evaluate::sightings(snapshot, &images, stop).map_or(0, |sightings| sightings.capture(problem, |_| true).captured);
+    Confirmed { captured, duration_s: profile.duration_s() }
+}
+
+/// The profile of the curve that is flown.
+fn profile(path: &[Pose], snapshot: &Snapshot, settings: &Settings, problem: &Problem) -> Profile {
+    let limits = Limits::new(&problem.rig, &settings.flight, &settings.dynamics);
+    Profile::rounded(path, &limits, &safety::deviations_m(path, &limits, &snapshot.free))
 }
 
 /// The given start if it is safe, else the viewpoint; the given view, else the direction: whatever alone captures the most information,

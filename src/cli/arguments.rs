@@ -214,16 +214,31 @@ pub struct OrderArgs {
     /// Cameras of the drone: panoramic, phantom4-rtk, m300-oblique, mavic3e, or a rig file (its name ends with .toml or holds a `/`)
     #[arg(long, value_name = "PRESET|RIG.toml", default_value = "panoramic")]
     pub rig: String,
-    /// Planning method: `paper`, or a baseline: `op` (oblique photography), `smith` (after Smith 2018), `zhou` (after Zhou 2020)
-    #[arg(long, value_name = "NAME", default_value = "paper")]
+    /// Planning method: `refined` (the paper's tree, then local search), `paper`, or a baseline: `op` (oblique photography), `smith` (after
+    /// Smith 2018), `zhou` (after Zhou 2020)
+    #[arg(long, value_name = "NAME", default_value = "refined")]
     pub method: String,
     /// Seed of the search: the same seed gives the same plan
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
     pub seed: u64,
-    /// Iterations of the tree search [default: the setting search.iterations, 400]
+    /// Rounds of `refined` [default: as many as the scene is large, the setting refine.rounds], or iterations of the tree search of `paper`
+    /// [default: the setting search.iterations, 400]
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
-    /// Start of the flight, for the method `paper`; the others begin where their tour does: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
+    /// For `refined`, in place of iterations: about how long the search may take, s. plan.json tells how many rounds these were; the same number
+    /// gives the same plan again
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, conflicts_with = "iterations", value_parser = values::seconds)]
+    pub budget: Option<f64>,
+    /// Coverage goal, percent of what the rig can capture at all [default: the setting coverage.goal_percent, 95]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = values::percent)]
+    pub coverage: Option<f64>,
+    /// For `refined`, in place of a goal: the most coverage within this flight time, s
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, conflicts_with = "coverage", value_parser = values::seconds)]
+    pub max_time: Option<f64>,
+    /// Area whose surfaces are to be captured: corners in metres east and north of the scene's origin [default: the whole scene]
+    #[arg(long, value_name = "\"X,Y X,Y X,Y\"", allow_hyphen_values = true)]
+    pub region: Option<Outline>,
+    /// Start of the flight, for the methods `refined` and `paper`; the others begin where their tour does: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub start: Option<Meters3>,
     /// Where the camera looks at the start, for a rig with a gimbal: azimuth clockwise from north and pitch up from the horizon, degrees

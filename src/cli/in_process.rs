@@ -96,6 +96,10 @@ pub fn build_field(scene: Scene, settings: &Arc<Settings>, stop: &StopToken, met
 pub fn options(order: &OrderArgs, rig: &Rig) -> Result<PlanOptions, Failure> {
     let options = PlanOptions {
         iterations: order.iterations,
+        budget_s: order.budget,
+        goal_percent: order.coverage,
+        within_s: order.max_time,
+        region_m: order.region.clone().map(|region| region.0),
         start_m: order.start.map(|start| Point3::from(start.0)),
         start_view: order.look.map(|look| direction_of(look.0[0], look.0[1])),
         ..PlanOptions::new(rig.clone(), Method::parse(&order.method)?, order.seed)

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Instant;
 
 use serde_json::{Value, json};
 
@@ -41,7 +42,8 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
     settings.check()?;
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let mut meter = Meter::new(form);
-    let stop = StopToken::default();
+    let begun = Instant::now();
+    let stop = StopToken::timed(move || begun.elapsed().as_secs_f64());
     let stopper = stop.clone();
     let interrupts = Interrupts::first(form, move || stopper.stop());
     let planned = in_process::plan_file(Path::new(&arguments.scene), &settings, options, &stop, &mut meter)?;
@@ -66,7 +68,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
         None => Vec::new(),
     };
     let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
-    remark_shortfall(&flight, &again(arguments), Some(&heights), form);
+    remark_shortfall(&flight, &again(arguments), Some(&heights), arguments.order.max_time, form);
     Ok(answer(&flight, &files, asked))
 }
 
@@ -90,7 +92,7 @@ fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Ans
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
-    remark_shortfall(&flight, &again(arguments), daemon::heights(&client, &plan).as_ref(), form);
+    remark_shortfall(&flight, &again(arguments), daemon::heights(&client, &plan).as_ref(), arguments.order.max_time, form);
     Ok(answer(&flight, &files, asked))
 }
 
@@ -99,9 +101,11 @@ fn again(arguments: &PlanArgs) -> String {
     let PlanArgs { order, sizes, .. } = arguments;
     let typed = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
     let options = [
-        ("method", (order.method != "paper").then(|| order.method.clone())),
+        ("method", (order.method != "refined").then(|| order.method.clone())),
         ("seed", (order.seed != 1).then(|| order.seed.to_string())),
         ("start", order.start.map(|start| typed(&start.0))),
+        ("coverage", order.coverage.map(|percent| percent.to_string())),
+        ("region", order.region.as_ref().map(|region| format!("\"{region}\""))),
         ("look", order.look.map(|look| typed(&look.0))),
         ("config", arguments.config.as_ref().map(|path| path.display().to_string())),
         ("samples", sizes.samples.map(|samples| samples.to_string())),
@@ -127,8 +131,7 @@ pub fn answer(flight: &Flight, files: &[std::path::PathBuf], asked: Option<u32>)
     if flight.plan.stop == StopReason::Cancelled {
         let of = asked.map_or(String::new(), |asked| format!(" of {asked}"));
         let after = match flight.plan.convergence.len() {
-            // Only the method of the paper goes by iterations.
-            0 if flight.plan.method != "paper" => "early".to_owned(),
+            0 if !matches!(flight.plan.method.as_str(), "paper" | "refined") => "early".to_owned(),
             done => format!("after {done}{of} iterations"),
         };
         text.push_str(&format!("\nstopped {after}: this is the best plan so far"));
@@ -139,9 +142,9 @@ pub fn answer(flight: &Flight, files: &[std::path::PathBuf], asked: Option<u32>)
     Answer { text, json: outputs::figures_json(flight, files) }
 }
 
-/// Says what a plan lacks, if anything.
-pub fn remark_shortfall(flight: &Flight, command: &str, heights: Option<&Heights>, form: Form) {
-    if let Some(note) = shortfall::note(flight.plan, command, heights) {
+/// Says what a plan lacks, if anything; a plan of the most coverage `within_s` lacks no goal.
+pub fn remark_shortfall(flight: &Flight, command: &str, heights: Option<&Heights>, within_s: Option<f64>, form: Form) {
+    if let Some(note) = shortfall::note(flight.plan, command, heights, within_s.is_none()) {
         form.remark(&note);
     }
 }
@@ -153,6 +156,10 @@ fn order_json(order: &OrderArgs, given: &GivenRig) -> Value {
         "method": order.method,
         "seed": order.seed,
         "iterations": order.iterations,
+        "budget_s": order.budget,
+        "goal_percent": order.coverage,
+        "within_s": order.max_time,
+        "region_m": order.region.as_ref().map(|region| &region.0),
         "start_m": order.start.map(|start| start.0),
         "start_view_deg": order.look.map(|look| look.0),
     })

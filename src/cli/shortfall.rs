@@ -26,9 +26,10 @@ impl Heights {
 }
 
 /// The remarks with the next steps; `command` is what takes `--iterations`, as it is typed.
-pub fn note(plan: &Plan, command: &str, heights: Option<&Heights>) -> Option<String> {
+/// `has_goal` is false for a plan that was to fly for a given time.
+pub fn note(plan: &Plan, command: &str, heights: Option<&Heights>, has_goal: bool) -> Option<String> {
     let notes: Vec<String> =
-        [below_goal(plan, command), low_ceiling(plan, heights), empty_battery(plan)].into_iter().flatten().collect();
+        [has_goal.then(|| below_goal(plan, command)).flatten(), low_ceiling(plan, heights), empty_battery(plan)].into_iter().flatten().collect();
     (!notes.is_empty()).then(|| notes.join("\n"))
 }
 
@@ -38,10 +39,13 @@ fn below_goal(plan: &Plan, command: &str) -> Option<String> {
         return None;
     }
     let advice = if plan.stop == StopReason::Complete {
-        format!("the method {:?} does not search for a goal, `--method paper` does", plan.method)
+        format!("the method {:?} does not search for a goal, `--method refined` does", plan.method)
     } else if is_rising(plan) {
         let wanted = 4 * plan.convergence.len().max(100);
         format!("coverage was still rising, so more iterations come nearer (`{command} --iterations {wanted}`)")
+    } else if plan.method == "refined" {
+        let wanted = 4 * plan.convergence.len().max(100);
+        format!("more rounds come nearer (`{command} --iterations {wanted}`), or the last samples cannot be reached safely")
     } else {
         "coverage hardly rose at the end, so smaller weights of turning and of efficiency come nearer (`objective.alpha_t`, `objective.eta` in the file of `--config`)"
             .to_owned()

@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use crate::planner::MOST_BUDGET_S;
 use crate::reproduction::MOST_SEEDS;
 use crate::scene::degrade::MOST_HEIGHT_PERCENT;
 
@@ -45,8 +46,17 @@ pub enum ValueError {
     Direction(String),
     #[error("{text:?} will not do; give a number of percent from 0 to {most}")]
     Percent { text: String, most: f64 },
+    #[error("{text:?} will not do; give a number of seconds above 0, at most {most}")]
+    Seconds { text: String, most: f64 },
     #[error("an outline needs at least three corners, such as \"0,0 8,0 8,8 0,8\"")]
     TooFewCorners,
+}
+
+impl std::fmt::Display for Outline {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let corners: Vec<String> = self.0.iter().map(|[x, y]| format!("{x},{y}")).collect();
+        f.write_str(&corners.join(" "))
+    }
 }
 
 impl FromStr for Meters2 {
@@ -93,6 +103,18 @@ pub fn metres(text: &str) -> Result<f64, ValueError> {
 pub fn height_percent(text: &str) -> Result<f64, ValueError> {
     let percent = text.trim().parse().ok().filter(|percent| (0.0..=MOST_HEIGHT_PERCENT).contains(percent));
     percent.ok_or_else(|| ValueError::Percent { text: text.to_owned(), most: MOST_HEIGHT_PERCENT })
+}
+
+/// A share, percent.
+pub fn percent(text: &str) -> Result<f64, ValueError> {
+    let percent = text.trim().parse().ok().filter(|percent| (0.0..=100.0).contains(percent));
+    percent.ok_or_else(|| ValueError::Percent { text: text.to_owned(), most: 100.0 })
+}
+
+/// A time, s.
+pub fn seconds(text: &str) -> Result<f64, ValueError> {
+    let seconds = text.trim().parse().ok().filter(|seconds| *seconds > 0.0 && *seconds <= MOST_BUDGET_S);
+    seconds.ok_or_else(|| ValueError::Seconds { text: text.to_owned(), most: MOST_BUDGET_S })
 }
 
 /// How many of something, from 1 to ten million.
@@ -149,6 +171,15 @@ mod tests {
         for text in ["-1", "90.1", "nan", "inf", "ten", ""] {
             assert!(height_percent(text).unwrap_err().to_string().ends_with("give a number of percent from 0 to 90"), "{text}");
         }
+    }
+
+    #[test]
+    fn times_and_shares_are_refused_in_plain_words() {
+        assert_eq!((seconds("0.5"), percent("0"), percent("100")), (Ok(0.5), Ok(0.0), Ok(100.0)));
+        for text in ["0", "-1", "nan", "inf", "1e6", "soon"] {
+            assert!(seconds(text).unwrap_err().to_string().ends_with("above 0, at most 86400"), "{text}");
+        }
+        assert!(percent("100.5").is_err() && percent("-1").is_err() && percent("nan").is_err());
     }
 
     #[test]

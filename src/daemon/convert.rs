@@ -25,6 +25,10 @@ pub fn plan_options(order: &PlanOrder) -> Result<PlanOptions, Refusal> {
     let method = Method::parse(&order.method).map_err(|error| refusal(&error))?;
     let options = PlanOptions {
         iterations: order.iterations,
+        budget_s: order.budget_s,
+        goal_percent: order.goal_percent,
+        within_s: order.within_s,
+        region_m: (!order.region_m.is_empty()).then(|| order.region_m.clone()),
         start_m: order.start_m.map(Point3::from),
         start_view: order.start_view_deg.map(|[azimuth_deg, pitch_deg]| direction_of(azimuth_deg, pitch_deg)),
         ..PlanOptions::new(rig, method, order.seed)

@@ -236,7 +236,8 @@ impl Daemon {
     pub(super) fn assign(&mut self, taken_up: Instant) -> Assignment {
         self.next_job += 1;
         self.running += 1;
-        Assignment { job: JobId(self.next_job), stop: StopToken::default(), taken_up }
+        let stop = StopToken::timed(move || taken_up.elapsed().as_secs_f64());
+        Assignment { job: JobId(self.next_job), stop, taken_up }
     }
 
     /// Starts to build a field for `scene`.

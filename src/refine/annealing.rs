@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::draft::Splice;
 use super::flight::{Demand, Flight};
+use super::Confirmed;
 use super::ground::Ground;
 use super::moves::{self, exponential};
 use crate::camera::Pose;
@@ -25,10 +26,22 @@ pub enum Aim {
     MostCoverage { within_ns: u64 },
 }
 
+impl Aim {
+    /// Whether a finished flight is what was wanted.
+    pub fn is_met_by(&self, really: &Confirmed) -> bool {
+        match *self {
+            Self::LeastTime { required } => really.captured >= required,
+            Self::MostCoverage { within_ns } => really.duration_s * 1e9 <= within_ns as f64,
+        }
+    }
+}
+
 /// A flight under annealing with the best that it has been.
 pub struct Annealing<'a> {
     ground: &'a Ground<'a>,
     aim: Aim,
+    /// Time that the flight may take as it is timed here.
+    within_ns: u64,
     seed: u64,
     flight: Flight,
     demand: Demand,
@@ -71,9 +84,9 @@ impl<'a> Annealing<'a> {
     /// Starts from a path that keeps all limits.
     pub fn new(ground: &'a Ground<'a>, path: &[Pose], aim: Aim, seed: u64) -> Self {
         let flight = Flight::new(ground, path);
-        let required = match aim {
-            Aim::LeastTime { required } => required,
-            Aim::MostCoverage { .. } => ground.capturable.len() as u32,
+        let (required, within_ns) = match aim {
+            Aim::LeastTime { required } => (required, u64::MAX),
+            Aim::MostCoverage { within_ns } => (ground.capturable.len() as u32, within_ns),
         };
         let captured = flight.counts.totals().captured.max(1);
         let settings = ground.settings;
@@ -85,7 +98,7 @@ impl<'a> Annealing<'a> {
         };
         let record = Iteration { objective: 0.0, coverage_percent: 0.0, length_m: 0.0, turning_s: 0.0 };
         let best = Best { path: path.to_vec(), captured: 0, duration_ns: u64::MAX, record };
-        let mut annealing = Self { ground, aim, seed, flight, demand, best, rounds: 0, tried: 0 };
+        let mut annealing = Self { ground, aim, within_ns, seed, flight, demand, best, rounds: 0, tried: 0 };
         annealing.keep_best();
         annealing
     }
@@ -94,17 +107,20 @@ impl<'a> Annealing<'a> {
         &self.best
     }
 
-    /// Captured samples that a flight needs.
-    pub fn required(&self) -> u32 {
-        self.demand.required
-    }
-
-    /// Takes note of how many samples the best flight really captures, and demands as many as make up for the difference from now on; the
-    /// search for the best flight begins anew from there.
-    pub fn calibrate(&mut self, really: u32) {
-        let Aim::LeastTime { required } = self.aim else { return };
-        let counted = self.best.captured;
-        self.demand.required = (required + counted).saturating_sub(really).clamp(1, self.flight.counts.countable());
+    /// Takes note of what the best flight is really worth, and demands from now on what makes up for the difference; the search for the best
+    /// flight begins anew from there.
+    pub fn calibrate(&mut self, really: &Confirmed) {
+        match self.aim {
+            Aim::LeastTime { required } => {
+                let demanded = (required + self.best.captured).saturating_sub(really.captured);
+                self.demand.required = demanded.clamp(1, self.flight.counts.countable().max(1));
+            }
+            Aim::MostCoverage { within_ns } => {
+                // Arcs that had to be tighter take longer.
+                let longer_ns = ((really.duration_s * 1e9) as u64).saturating_sub(self.best.duration_ns);
+                self.within_ns = within_ns.saturating_sub(longer_ns);
+            }
+        }
         self.flight = Flight::new(self.ground, &self.best.path);
         self.best.duration_ns = u64::MAX;
         self.keep_best();
@@ -162,7 +178,7 @@ impl<'a> Annealing<'a> {
     fn adjust_price(&mut self) {
         let is_short = match self.aim {
             Aim::LeastTime { .. } => self.flight.counts.totals().captured < self.demand.required,
-            Aim::MostCoverage { within_ns } => self.flight.duration_ns() < within_ns,
+            Aim::MostCoverage { .. } => self.flight.duration_ns() < self.within_ns,
         };
         let settings = self.ground.settings;
         let factor = if is_short { settings.price_rise } else { settings.price_fall };
@@ -177,8 +193,8 @@ impl<'a> Annealing<'a> {
                 let required = self.demand.required;
                 (captured.min(required), best.duration_ns) > (best.captured.min(required), duration_ns)
             }
-            Aim::MostCoverage { within_ns } => {
-                let excess_ns = |duration_ns: u64| duration_ns.saturating_sub(within_ns);
+            Aim::MostCoverage { .. } => {
+                let excess_ns = |duration_ns: u64| duration_ns.saturating_sub(self.within_ns);
                 (excess_ns(best.duration_ns), captured, best.duration_ns) > (excess_ns(duration_ns), best.captured, duration_ns)
             }
         };

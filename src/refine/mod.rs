@@ -17,16 +17,39 @@ pub use annealing::{Aim, Annealing, Best};
 pub use ground::Ground;
 
 use crate::camera::Pose;
-use crate::search::{Outcome, Progress, StopReason};
+use crate::search::{Outcome, Problem, Progress, StopReason};
+use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::stop::StopToken;
+
+/// What is asked of a refinement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Task {
+    pub aim: Aim,
+    pub budget: Budget,
+    pub seed: u64,
+}
 
 /// How long a flight is improved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Budget {
     Rounds(u32),
-    /// About so many seconds by the clock of the stop token, counted from when the work on the plan began. They only decide how many
-    /// rounds there are: the same number of rounds gives the same flight again.
-    Seconds(f64),
+    /// About until the stop token's clock shows so many seconds. They only decide how many rounds there are: the same number of rounds
+    /// gives the same flight again.
+    Until(f64),
+}
+
+/// What a finished flight is really worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Confirmed {
+    /// Capturable samples that its images capture.
+    pub captured: u32,
+    pub duration_s: f64,
+}
+
+/// Rounds where nobody asks for a number: the setting for scenes of the reference scene's size, more for larger ones.
+pub fn rounds_of(settings: &Settings, problem: &Problem) -> u32 {
+    let size = problem.field.facts.reference_area_m2 / settings.objective.reference_area_m2;
+    (f64::from(settings.refine.rounds) * size.max(1.0)).min(f64::from(MOST_ITERATIONS)) as u32
 }
 
 /// Rounds before it is decided how many fit into the seconds.
@@ -41,18 +64,17 @@ const CALIBRATIONS: [f64; 3] = [0.5, 0.75, 0.9];
 const REPAIRS: u32 = 4;
 const REPAIR_SHARE: f64 = 0.04;
 
-/// Improves a flight round by round. `confirm` counts the capturable samples that a finished flight really captures; what it has more or
-/// less than was counted on decides how many are demanded.
+/// Improves a flight round by round. `confirm` tells what a finished flight is really worth; what it captures more or less than was
+/// counted on decides how many samples are demanded.
 pub fn refine(
     ground: &Ground,
     path: &[Pose],
-    aim: Aim,
-    budget: Budget,
-    seed: u64,
+    task: &Task,
     stop: &StopToken,
-    confirm: &dyn Fn(&[Pose]) -> u32,
+    confirm: &dyn Fn(&[Pose]) -> Confirmed,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Outcome {
+    let Task { aim, budget, seed } = *task;
     let mut annealing = Annealing::new(ground, path, aim, seed);
     let mut convergence = Vec::new();
     let mut round = |annealing: &mut Annealing, temperature_s: f64, rounds: u32| {
@@ -69,7 +91,7 @@ pub fn refine(
     };
     let mut rounds = match budget {
         Budget::Rounds(rounds) => rounds,
-        Budget::Seconds(_) => u32::MAX,
+        Budget::Until(_) => u32::MAX,
     };
     let begun_s = stop.elapsed_s();
     let mut done = 0;
@@ -77,31 +99,30 @@ pub fn refine(
         round(&mut annealing, temperature_s(ground, done, rounds), rounds);
         done += 1;
         if CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32) {
-            let really = confirm(&annealing.best().path);
-            annealing.calibrate(really);
+            annealing.calibrate(&confirm(&annealing.best().path));
         }
         if done == WARM_UP
-            && let (Budget::Seconds(seconds), Some(begun_s), Some(now_s)) = (budget, begun_s, stop.elapsed_s())
+            && let (Budget::Until(until_s), Some(begun_s), Some(now_s)) = (budget, begun_s, stop.elapsed_s())
         {
             let round_s = (now_s - begun_s) / f64::from(WARM_UP) * LATER_SHARE;
-            rounds = done + ((seconds - now_s).max(0.0) / round_s.max(1e-6)) as u32;
+            rounds = done + ((until_s - now_s).max(0.0) / round_s.max(1e-6)) as u32;
         }
     }
     let mut reason = if stop.is_stopped() { StopReason::Cancelled } else { StopReason::IterationsUsed };
-    if let Aim::LeastTime { required } = aim {
-        for repair in 0..=REPAIRS {
-            let really = confirm(&annealing.best().path);
-            if really >= required {
+    for repair in 0..=REPAIRS {
+        let really = confirm(&annealing.best().path);
+        if aim.is_met_by(&really) {
+            if matches!(aim, Aim::LeastTime { .. }) {
                 reason = StopReason::GoalReached;
-                break;
             }
-            if repair == REPAIRS || stop.is_stopped() {
-                break;
-            }
-            annealing.calibrate(really);
-            for _ in 0..(f64::from(rounds) * REPAIR_SHARE).ceil() as u32 {
-                round(&mut annealing, ground.settings.coldest_s, rounds);
-            }
+            break;
+        }
+        if repair == REPAIRS || stop.is_stopped() {
+            break;
+        }
+        annealing.calibrate(&really);
+        for _ in 0..(f64::from(rounds) * REPAIR_SHARE).ceil() as u32 {
+            round(&mut annealing, ground.settings.coldest_s, rounds);
         }
     }
     Outcome { path: annealing.best().path.clone(), convergence, stop: reason }

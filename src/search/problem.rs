@@ -1,5 +1,6 @@
 //! What a search works on: the field of one snapshot seen through one rig.
 
+use geo::{Coord, Intersects, Polygon};
 use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::FieldTable;
 use rayon::prelude::*;
@@ -70,11 +71,21 @@ pub struct Scratch {
 }
 
 impl<'a> Problem<'a> {
+    /// The problem of the whole scene.
     pub fn new(snapshot: &'a Snapshot, settings: &Settings, rig: Rig) -> Self {
+        Self::within(snapshot, settings, rig, None)
+    }
+
+    /// The problem in which only samples in a region count, seen from above. Those outside have a ceiling of no cells.
+    pub fn within(snapshot: &'a Snapshot, settings: &Settings, rig: Rig, region: Option<&Polygon>) -> Self {
         let field = snapshot.field();
         let threshold = field.facts.threshold_cells;
         let frames = frames(&field);
-        let ceilings = ceilings(&field, &rig, &frames, &snapshot.disks);
+        let mut ceilings = ceilings(&field, &rig, &frames, &snapshot.disks);
+        if let Some(region) = region {
+            let is_outside = |frame: &SampleFrame| !region.intersects(&Coord { x: frame.position.x, y: frame.position.y });
+            ceilings.iter_mut().zip(&frames).filter(|(_, frame)| is_outside(frame)).for_each(|(cells, _)| *cells = 0);
+        }
         let is_capturable = |cells: &&u16| u32::from(**cells) > threshold;
         let capturable = ceilings.iter().filter(is_capturable).count() as u32;
         let enough = (f64::from(capturable) * settings.coverage.goal_percent / 100.0).floor() as u32 + 1;

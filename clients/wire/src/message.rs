@@ -16,6 +16,9 @@ pub const MAX_OUTLINE_CORNERS: usize = 10_000;
 /// Largest coordinate that makes sense in a local frame, m.
 pub const MAX_COORDINATE_M: f64 = 1.0e6;
 
+/// Longest budget and longest flight that may be asked for, s.
+pub const MAX_SECONDS: f64 = 86_400.0;
+
 /// Largest number of iterations that may be asked for.
 pub const MAX_ITERATIONS: u32 = 10_000_000;
 
@@ -81,8 +84,16 @@ pub struct PlanOrder {
     /// Name of a planning method.
     pub method: String,
     pub seed: u64,
-    /// `None` takes the daemon's setting.
+    /// Iterations of the tree search, or rounds of the refinement; `None` takes the daemon's setting.
     pub iterations: Option<u32>,
+    /// For the method `refined`: about how long the search may take, s, in place of iterations.
+    pub budget_s: Option<f64>,
+    /// Coverage goal, percent of the capturable samples; `None` takes the daemon's setting.
+    pub goal_percent: Option<f64>,
+    /// For the method `refined`: the most coverage within this flight time, s, in place of a goal.
+    pub within_s: Option<f64>,
+    /// Corners of the area whose surfaces count, m in the local frame; empty for the whole scene.
+    pub region_m: Vec<[f64; 2]>,
     /// Where the flight starts, m in the local frame; `None` lets the planner choose.
     pub start_m: Option<[f64; 3]>,
     /// Where a camera on a gimbal looks at the start: azimuth clockwise from north and pitch up from the horizon, degrees; `None`
@@ -95,9 +106,13 @@ impl Default for PlanOrder {
         Self {
             rig: "panoramic".into(),
             rig_file: None,
-            method: "paper".into(),
+            method: "refined".into(),
             seed: 1,
             iterations: None,
+            budget_s: None,
+            goal_percent: None,
+            within_s: None,
+            region_m: Vec::new(),
             start_m: None,
             start_view_deg: None,
         }
@@ -386,6 +401,19 @@ impl PlanOrder {
         {
             return invalid(format!("{iterations} iterations were asked for; give 1 to {MAX_ITERATIONS}"));
         }
+        for (what, seconds) in [("budget", self.budget_s), ("flight time", self.within_s)] {
+            if let Some(seconds) = seconds.filter(|seconds| !(*seconds > 0.0 && *seconds <= MAX_SECONDS)) {
+                return invalid(format!("the {what} is {seconds} s; give more than 0 and at most {MAX_SECONDS} s"));
+            }
+        }
+        if let Some(percent) = self.goal_percent.filter(|percent| !(0.0..=100.0).contains(percent)) {
+            return invalid(format!("the coverage goal is {percent} %; give 0 to 100"));
+        }
+        if !self.region_m.is_empty() && !(3..=MAX_OUTLINE_CORNERS).contains(&self.region_m.len()) {
+            let corners = self.region_m.len();
+            return invalid(format!("the region has {corners} corners; give 3 to {MAX_OUTLINE_CORNERS}, or none for the whole scene"));
+        }
+        self.region_m.iter().flatten().try_for_each(|value| check_coordinate("region", *value))?;
         self.start_m.into_iter().flatten().try_for_each(|value| check_coordinate("start", value))
     }
 }
@@ -555,6 +583,11 @@ mod tests {
             edit(EditOrder::Add { name: "n".into(), outline_m: vec![[0.0; 2]; 3], base_m: 1.0, top_m: 1.0 }),
             plan(PlanOrder { start_m: Some([0.0, f64::NAN, 0.0]), ..order() }),
             plan(PlanOrder { iterations: Some(0), ..order() }),
+            plan(PlanOrder { budget_s: Some(0.0), ..order() }),
+            plan(PlanOrder { within_s: Some(f64::NAN), ..order() }),
+            plan(PlanOrder { goal_percent: Some(100.1), ..order() }),
+            plan(PlanOrder { region_m: vec![[0.0; 2]; 2], ..order() }),
+            plan(PlanOrder { region_m: vec![[0.0, 1.0], [1.0, 2.0], [1e9, 0.0]], ..order() }),
             plan(PlanOrder { rig: "x".repeat(1000), ..order() }),
             plan(PlanOrder { rig_file: Some("#".repeat(MAX_RIG_FILE_BYTES + 1)), ..order() }),
             plan(PlanOrder { start_view_deg: Some([0.0, f64::NAN]), ..order() }),

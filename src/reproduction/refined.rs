@@ -10,6 +10,7 @@ use crate::camera::Rig;
 use crate::field::Snapshot;
 use crate::planner::{self, Method, PlanError, PlanOptions, StopToken};
 use crate::quality::{COMPLETENESS_M, Compared, Which, compare};
+use crate::search::Problem;
 use crate::settings::MOST_ITERATIONS;
 use crate::trajectory::plan::Plan;
 
@@ -151,7 +152,6 @@ fn duel(
 ) -> Result<Result<Duel, PlanError>, ReproductionError> {
     let paper =
         PlanOptions { iterations: Some(MOST_ITERATIONS), ..PlanOptions::new(Rig::preset(trial.rig)?, Method::Paper, seed) };
-    let refined = PlanOptions { budget_s: Some(budget_s), iterations: None, method: Method::Refined, ..paper.clone() };
     let (paper, paper_s) = match plan_within(study, trial, snapshot, &paper, budget_s) {
         Ok(planned) => planned,
         Err(error) => return stopped_or(study, error),
@@ -159,6 +159,10 @@ fn duel(
     let mut equal = trial.clone();
     // More than this share is asked for: a trace less, so that as many samples are enough.
     equal.settings.coverage.goal_percent = paper.metrics.coverage_percent * (1.0 - 1e-9);
+    // The refinement counts its seconds from when the problem is set up, the search above from the order on.
+    let left_s = (budget_s - setup_s(study, trial, snapshot)?).max(budget_s / 2.0);
+    let rig = Rig::preset(trial.rig)?;
+    let refined = PlanOptions { budget_s: Some(left_s), ..PlanOptions::new(rig, Method::Refined, seed) };
     let (refined, refined_s) = match plan_within(study, &equal, snapshot, &refined, budget_s) {
         Ok(planned) => planned,
         Err(error) => return stopped_or(study, error),
@@ -167,6 +171,14 @@ fn duel(
     let qualities = [study.assess(&truth, &paper, Which::All)?, study.assess(&truth, &refined, Which::All)?];
     let compared = compare(&[&qualities[0], &qualities[1]]).unwrap_or_default();
     Ok(Ok(Duel { plans: [paper, refined], planned_s: [paper_s, refined_s], compared }))
+}
+
+/// Seconds from an order until a search begins.
+fn setup_s(study: &Study, trial: &Trial, snapshot: &Snapshot) -> Result<f64, ReproductionError> {
+    let begun_s = study.now_s();
+    let problem = Problem::new(snapshot, &trial.settings, Rig::preset(trial.rig)?);
+    // Used, so that it is made at all.
+    Ok(if problem.capturable == 0 { 0.0 } else { study.now_s() - begun_s })
 }
 
 /// A user's stop is an error of the whole run, anything else belongs to the row.

@@ -169,7 +169,9 @@ impl<'a> Study<'a> {
         let snapshots = seeds.iter().map(|&seed| self.snapshot(trial, seed)).collect::<Result<Vec<_>, _>>()?;
         let stop = self.watch.stop;
         let plan = |(snapshot, &seed): (&Snapshot, &u64)| {
-            let options = PlanOptions::new(rig.clone(), trial.method, seed);
+            // As many rounds on every site, whatever its size.
+            let rounds = (trial.method == Method::Refined).then_some(trial.settings.refine.rounds);
+            let options = PlanOptions { iterations: rounds, ..PlanOptions::new(rig.clone(), trial.method, seed) };
             planner::plan(snapshot, &trial.settings, &options, stop, &mut |_| ())
         };
         let planned: Vec<Result<Plan, PlanError>> = snapshots.par_iter().zip(&seeds).map(plan).collect();

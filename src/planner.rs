@@ -51,7 +51,18 @@ pub struct PlanOptions {
 impl PlanOptions {
     /// A plan with everything else left to the planner.
     pub fn new(rig: Rig, method: Method, seed: u64) -> Self {
-        Self { rig, method, seed, iterations: None, budget_s: None, goal_percent: None, within_s: None, region_m: None, start_m: None, start_view: None }
+        Self {
+            rig,
+            method,
+            seed,
+            iterations: None,
+            budget_s: None,
+            goal_percent: None,
+            within_s: None,
+            region_m: None,
+            start_m: None,
+            start_view: None,
+        }
     }
 
     /// What can be refused before there is a scene.
@@ -296,7 +307,8 @@ fn refined(
     let begun_s = stop.elapsed_s();
     let start = start_pose(problem, options, stop)?;
     let confirm = |path: &[Pose]| captured(snapshot, settings, problem, path, stop);
-    let tree = search(problem, start, settings.refine.tree_iterations, options.seed, stop, &|path| confirm(path).captured, &mut |_| {})?;
+    let tree =
+        search(problem, start, settings.refine.tree_iterations, options.seed, stop, &|path| confirm(path).captured, &mut |_| {})?;
     if tree.path.len() < 2 {
         return Ok(Found::of(tree, problem));
     }
@@ -307,7 +319,10 @@ fn refined(
             Some(within_s) => Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 },
             None => Aim::LeastTime { required: problem.sufficient },
         },
-        budget: options.budget_s.zip(begun_s).map_or(Budget::Rounds(rounds), |(seconds, begun_s)| Budget::Until(begun_s + seconds)),
+        budget: options
+            .budget_s
+            .zip(begun_s)
+            .map_or(Budget::Rounds(rounds), |(seconds, begun_s)| Budget::Until(begun_s + seconds)),
         seed: options.seed,
     };
     let outcome = refine::refine(&ground, &tree.path, &task, stop, &confirm, on_progress);
@@ -325,7 +340,8 @@ fn captured(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &
     let profile = profile(path, snapshot, settings, problem);
     let route = Route::continuous(path, &problem.rig, problem.image_spacing_m);
     let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
-    let captured = evaluate::sightings(snapshot, &images, stop).map_or(0, |sightings| sightings.capture(problem, |_| true).captured);
+    let captured =
+        evaluate::sightings(snapshot, &images, stop).map_or(0, |sightings| sightings.capture(problem, |_| true).captured);
     Confirmed { captured, duration_s: profile.duration_s() }
 }
 

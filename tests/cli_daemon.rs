@@ -16,7 +16,7 @@ fn the_daemon_and_the_process_itself_write_the_same_plan() {
     let scene = place.scene();
     let _daemon = place.serve(&[]);
     place.json(&["load", &scene]);
-    let order = ["--seed", "7", "--iterations", "60"];
+    let order = ["--seed", "7", "--method", "paper", "--iterations", "60"];
     let by_daemon = place.json(&[&["plan", "town", "--out", "daemon"], order.as_slice()].concat());
     let in_process = place.json(&[&["plan", &scene, "--out", "process"], order.as_slice()].concat());
     assert_eq!((&by_daemon["engine"], &in_process["engine"]), (&"daemon".into(), &"in_process".into()));
@@ -38,7 +38,7 @@ fn every_rig_gives_the_same_plan_by_the_daemon_and_in_the_process_itself() {
     std::fs::write(place.path(&file), phantom).unwrap();
     for (rig, look) in [("phantom4-rtk", true), ("m300-oblique", false), ("mavic3e", true), (file.as_str(), true)] {
         let look = if look { ["--look", "200,-40"].as_slice() } else { &[] };
-        let order = [&["--rig", rig, "--seed", "7", "--iterations", "40"], look].concat();
+        let order = [&["--rig", rig, "--seed", "7", "--method", "paper", "--iterations", "40"], look].concat();
         let _daemon = place.serve(&["--rig", rig]);
         place.json(&["load", &scene]);
         place.json(&[&["plan", "town", "--out", "daemon"], order.as_slice()].concat());
@@ -56,9 +56,9 @@ fn a_daemon_that_serves_another_sight_says_so() {
     let _daemon = place.serve(&[]);
     place.json(&["load", &place.scene()]);
     let remark = || place.json(&["status"])["scenes"][0]["remark"].as_str().map(str::to_owned);
-    place.json(&["plan", "town", "--rig", "phantom4-rtk", "--iterations", "5"]);
+    place.json(&["plan", "town", "--rig", "phantom4-rtk", "--method", "paper", "--iterations", "5"]);
     assert_eq!(remark(), None);
-    place.json(&["plan", "town", "--rig", "m300-oblique", "--iterations", "5"]);
+    place.json(&["plan", "town", "--rig", "m300-oblique", "--method", "paper", "--iterations", "5"]);
     assert!(remark().is_some_and(|remark| remark.contains("serve --rig")), "{:?}", place.json(&["status"]));
 }
 
@@ -73,8 +73,8 @@ fn a_file_of_any_name_gives_the_same_plan_by_the_daemon_and_in_the_process_itsel
         std::fs::copy(place.path(&scene), place.path(file)).unwrap();
         let name = place.json(&["load", file])["scene"].as_str().unwrap().to_owned();
         let (daemon, process) = (format!("daemon-{index}"), format!("process-{index}"));
-        place.json(&["plan", &name, "--iterations", "20", "--out", &daemon]);
-        place.json(&["plan", file, "--iterations", "20", "--out", &process]);
+        place.json(&["plan", &name, "--method", "paper", "--iterations", "20", "--out", &daemon]);
+        place.json(&["plan", file, "--method", "paper", "--iterations", "20", "--out", &process]);
         let read = |folder: &str| place.read(&format!("{folder}/plan.json"));
         assert_eq!(read(&daemon), read(&process), "{file}");
     }
@@ -106,7 +106,11 @@ fn a_search_is_cancelled_and_a_scene_unloaded() {
     let scene = place.scene();
     let _daemon = place.serve(&[]);
     place.json(&["load", &scene]);
-    let plan = place.command(&["plan", "town", "--iterations", "10000000", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
+    let plan = place
+        .command(&["plan", "town", "--method", "paper", "--iterations", "10000000", "--json"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
     while place.json(&["status"])["scenes"][0]["state"] != "planning" {}
     assert_eq!(place.json(&["cancel", "town"])["cancelled"], true);
     let output = plan.wait_with_output().unwrap();
@@ -131,7 +135,7 @@ fn a_scene_is_loaded_listed_edited_and_replanned() {
     let id = structures["structures"][0]["id"].as_str().unwrap().to_owned();
 
     assert_eq!(json(&["edit", "harbour", "lower", "tower", "--by", "2"])["replan_follows"], false);
-    json(&["plan", "harbour", "--iterations", "40"]);
+    json(&["plan", "harbour", "--method", "paper", "--iterations", "40"]);
     let replan = json(&["edit", "harbour", "raise", &id, "--by", "15", "--out", "replan"]);
     assert_eq!(
         (&replan["revision"], place.files("replan")),
@@ -178,11 +182,11 @@ fn a_watcher_receives_each_plan_on_a_line_of_its_own() {
     let first = std::thread::scope(|scope| {
         let first = scope.spawn(|| lines.next().unwrap().unwrap());
         while !first.is_finished() {
-            place.json(&["plan", "town", "--iterations", "10"]);
+            place.json(&["plan", "town", "--method", "paper", "--iterations", "10"]);
         }
         first.join().unwrap()
     });
-    place.json(&["plan", "town", "--iterations", "20", "--seed", "9"]);
+    place.json(&["plan", "town", "--method", "paper", "--iterations", "20", "--seed", "9"]);
     let rest: Vec<String> = lines.map(Result::unwrap).collect();
     assert!(watcher.wait().unwrap().success() && rest.len() == 1, "{rest:?}");
     for line in [&first, &rest[0]] {

@@ -9,7 +9,20 @@ use serde_json::Value;
 fn planned() -> Place {
     let place = Place::new();
     let scene = place.scene();
-    place.json(&["plan", &scene, "--rig", "phantom4-rtk", "--iterations", "120", "--seed", "2", "--out", "out"]);
+    place.json(&[
+        "plan",
+        &scene,
+        "--rig",
+        "phantom4-rtk",
+        "--method",
+        "paper",
+        "--iterations",
+        "120",
+        "--seed",
+        "2",
+        "--out",
+        "out",
+    ]);
     place
 }
 
@@ -90,7 +103,7 @@ fn a_truth_that_the_path_violates_is_told_and_no_error() {
 fn settings_that_only_the_plan_had_are_pointed_out() {
     let place = planned();
     std::fs::write(place.path("wide.toml"), "[coverage]\nrange_m = 100.0\n").unwrap();
-    place.json(&["plan", "town.geojson", "--iterations", "20", "--config", "wide.toml", "--out", "wide"]);
+    place.json(&["plan", "town.geojson", "--method", "paper", "--iterations", "20", "--config", "wide.toml", "--out", "wide"]);
     let notes =
         |words: &[&str]| place.json(&[&["evaluate", "wide/plan.json", "--samples", "200"], words].concat())["notes"].to_string();
     assert!(notes(&[]).contains("--config"), "{}", notes(&[]));

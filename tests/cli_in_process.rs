@@ -46,7 +46,7 @@ fn help_teaches_with_examples_units_and_exit_codes() {
 fn a_plan_of_a_file_writes_its_three_files() {
     let place = Place::new();
     let scene = place.scene();
-    let answer = place.json(&["plan", &scene, "--iterations", "60", "--out", "out"]);
+    let answer = place.json(&["plan", &scene, "--method", "paper", "--iterations", "60", "--out", "out"]);
     assert_eq!(place.files("out"), ["plan.json", "plan.svg", "run.json"]);
     assert_eq!((&answer["scene"], &answer["engine"]), (&"town".into(), &"in_process".into()));
     let plan: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
@@ -67,7 +67,7 @@ fn plan_json_is_the_same_on_any_number_of_threads() {
     let place = Place::new();
     let scene = place.scene();
     for threads in ["1", "2", "3"] {
-        let words = ["plan", &scene, "--seed", "5", "--iterations", "80", "--out", threads];
+        let words = ["plan", &scene, "--seed", "5", "--method", "paper", "--iterations", "80", "--out", threads];
         let output = place.command(&words).env("RAYON_NUM_THREADS", threads).output().unwrap();
         assert!(output.status.success(), "{}", stderr(&output));
     }
@@ -80,7 +80,7 @@ fn plan_json_is_the_same_on_any_number_of_threads() {
 fn a_plan_below_its_goal_is_a_result_with_a_note() {
     let place = Place::new();
     let scene = place.scene();
-    let output = place.run(&["plan", &scene, "--iterations", "1"]);
+    let output = place.run(&["plan", &scene, "--method", "paper", "--iterations", "1"]);
     assert!(output.status.success() && stderr(&output).contains("--iterations"), "{}", stderr(&output));
     assert!(stdout(&output).contains("captured of capturable, %"));
 }
@@ -92,7 +92,18 @@ fn a_generated_block_can_be_planned_and_is_the_same_for_the_same_seed() {
     assert!(answer["structures"].as_u64().unwrap() > 20, "{answer}");
     assert_eq!(place.run(&["generate", "--seed", "3"]).stdout.trim_ascii_end(), place.read("block.geojson").trim_ascii_end());
     assert_ne!(place.run(&["generate", "--seed", "4"]).stdout, place.read("block.geojson"));
-    let plan = place.json(&["plan", "block.geojson", "--samples", "200", "--viewpoints", "200", "--iterations", "20"]);
+    let plan = place.json(&[
+        "plan",
+        "block.geojson",
+        "--samples",
+        "200",
+        "--viewpoints",
+        "200",
+        "--method",
+        "paper",
+        "--iterations",
+        "20",
+    ]);
     assert!(plan["waypoints"].as_u64().unwrap() >= 1);
 }
 
@@ -125,7 +136,7 @@ fn wrong_lines_are_usage_errors() {
         vec!["plan", &scene, "--rig", "phantom4-rtk", "--look", "90"],
         vec!["plan", &scene, "--rig", "phantom4-rtk", "--look", "90,-91"],
         vec!["plan", &scene, "--rig", "phantom4-rtk", "--look", "nan,0"],
-        vec!["plan", &scene, "--iterations", "0"],
+        vec!["plan", &scene, "--method", "paper", "--iterations", "0"],
         vec!["plan", &scene, "--samples", "many"],
         vec!["edit", "town", "raise", "hall", "--by", "-3"],
         vec!["edit", "town", "add", "--name", "n", "--outline", "0,0 1,1", "--height", "3"],
@@ -247,7 +258,9 @@ fn rigs_are_listed_and_the_file_of_one_flies_like_its_preset() {
     for name in names {
         let file = place.run(&["rigs", name]).stdout;
         std::fs::write(place.path("my-rig.toml"), file).unwrap();
-        let plan = |rig: &str, out: &str| place.json(&["plan", &scene, "--rig", rig, "--iterations", "15", "--out", out]);
+        let plan = |rig: &str, out: &str| {
+            place.json(&["plan", &scene, "--rig", rig, "--method", "paper", "--iterations", "15", "--out", out])
+        };
         plan(name, "preset");
         plan("my-rig.toml", "file");
         assert_eq!(place.read("preset/plan.json"), place.read("file/plan.json"), "{name}");
@@ -259,7 +272,7 @@ fn figures_tell_profile_time_battery_and_selected_images() {
     let place = Place::new();
     let scene = place.scene();
     for (rig, has_battery) in [("panoramic", false), ("phantom4-rtk", true), ("m300-oblique", true)] {
-        let words = ["plan", &scene, "--rig", rig, "--iterations", "40", "--out", "out"];
+        let words = ["plan", &scene, "--rig", rig, "--method", "paper", "--iterations", "40", "--out", "out"];
         let answer = place.json(&words);
         let file: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
         for (key, value) in file["metrics"].as_object().unwrap() {
@@ -277,16 +290,22 @@ fn figures_tell_profile_time_battery_and_selected_images() {
 fn what_a_rig_cannot_reach_by_any_plan_is_said_with_remedies() {
     let place = Place::new();
     let scene = place.scene();
-    let note = |words: &[&str]| stderr(&place.run(&[&["plan", &scene, "--iterations", "5"], words].concat()));
+    let note =
+        |words: &[&str]| stderr(&place.run(&[&["plan", &scene, "--method", "paper", "--iterations", "5"], words].concat()));
     let narrow = stdout(&place.run(&["rigs", "phantom4-rtk"])).replace("[-90.0, 30.0]", "[-90.0, -89.0]");
     std::fs::write(place.path("down.toml"), narrow).unwrap();
     std::fs::write(place.path("strict.toml"), "[coverage]\nthreshold_percent = 75.0\n").unwrap();
     let down = note(&["--rig", "down.toml"]);
     let reachable =
-        place.json(&["plan", &scene, "--iterations", "5", "--rig", "down.toml"])["capturable_percent"].as_f64().unwrap();
-    for part in
-        ["coverage.threshold_percent", "--rig", &format!("{reachable:.1} % of the exposed"), "--rig down.toml --iterations"]
-    {
+        place.json(&["plan", &scene, "--method", "paper", "--iterations", "5", "--rig", "down.toml"])["capturable_percent"]
+            .as_f64()
+            .unwrap();
+    for part in [
+        "coverage.threshold_percent",
+        "--rig",
+        &format!("{reachable:.1} % of the exposed"),
+        "--rig down.toml --method paper --iterations",
+    ] {
         assert!(reachable < 80.0 && down.contains(part), "{part} is not in {down}");
     }
     let strict = note(&["--config", "strict.toml"]);
@@ -297,7 +316,8 @@ fn what_a_rig_cannot_reach_by_any_plan_is_said_with_remedies() {
 fn an_output_folder_that_cannot_be_made_is_named() {
     let place = Place::new();
     let scene = place.scene();
-    let message = place.fails(1, "unexpected", &["plan", &scene, "--iterations", "2", "--out", "town.geojson/out"]);
+    let message =
+        place.fails(1, "unexpected", &["plan", &scene, "--method", "paper", "--iterations", "2", "--out", "town.geojson/out"]);
     assert!(message.contains("town.geojson/out") && message.contains("--out"), "{message}");
 }
 
@@ -318,7 +338,7 @@ fn what_cannot_succeed_is_refused_before_the_scene_is_read() {
 fn a_result_that_cannot_be_printed_is_a_failure() {
     let place = Place::new();
     let scene = place.scene();
-    for words in [vec!["plan", &scene, "--iterations", "5", "--json"], vec!["generate"]] {
+    for words in [vec!["plan", &scene, "--method", "paper", "--iterations", "5", "--json"], vec!["generate"]] {
         let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
         let output = place.command(&words).stdout(full).output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{words:?}");
@@ -330,7 +350,7 @@ fn a_result_that_cannot_be_printed_is_a_failure() {
 fn run_json_holds_what_repeats_the_run() {
     let place = Place::new();
     let scene = place.scene();
-    place.json(&["plan", &scene, "--iterations", "30", "--samples", "150", "--seed", "9", "--out", "out"]);
+    place.json(&["plan", &scene, "--method", "paper", "--iterations", "30", "--samples", "150", "--seed", "9", "--out", "out"]);
     let run: Value = serde_json::from_slice(&place.read("out/run.json")).unwrap();
     assert_eq!(run["settings"], serde_json::json!({ "surface": { "samples": 150 } }));
     assert_eq!((&run["order"]["seed"], &run["order"]["iterations"]), (&9.into(), &30.into()));
@@ -338,7 +358,20 @@ fn run_json_holds_what_repeats_the_run() {
 
     let file = stdout(&place.run(&["rigs", "mavic3e"])).trim_end().to_owned();
     std::fs::write(place.path("my-rig.toml"), &file).unwrap();
-    place.json(&["plan", &scene, "--iterations", "5", "--rig", "my-rig.toml", "--look", "90,-30", "--out", "out"]);
+    place.json(&[
+        "plan",
+        &scene,
+        "--method",
+        "paper",
+        "--iterations",
+        "5",
+        "--rig",
+        "my-rig.toml",
+        "--look",
+        "90,-30",
+        "--out",
+        "out",
+    ]);
     let run: Value = serde_json::from_slice(&place.read("out/run.json")).unwrap();
     assert_eq!((&run["order"]["rig_file"], &run["order"]["start_view_deg"]), (&file.into(), &serde_json::json!([90.0, -30.0])));
 }
@@ -349,7 +382,7 @@ fn an_interrupted_plan_is_the_best_so_far_or_none_with_an_exit_code_of_its_own()
     const CATCHES_INT: u64 = 1 << 1;
     let place = Place::new();
     let scene = place.scene();
-    let words = ["plan", &scene, "--iterations", "9999999", "--out", "out"];
+    let words = ["plan", &scene, "--method", "paper", "--iterations", "9999999", "--out", "out"];
     let mut command = place.command(&words);
     let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
     let caught = || {
@@ -382,7 +415,7 @@ fn a_degraded_scene_keeps_its_structures_and_warns_when_the_safety_distance_cann
     let mild = degrade("10", &["--boundary", "rough"]);
     assert!(stdout(&mild).contains("4 structures") && stdout(&mild).contains("walls by up to 4.00 m"), "{}", stdout(&mild));
     assert!(!stderr(&mild).contains("warning"), "{}", stderr(&mild));
-    place.run(&["plan", "rough.geojson", "--iterations", "20", "--out", "out"]);
+    place.run(&["plan", "rough.geojson", "--method", "paper", "--iterations", "20", "--out", "out"]);
     let plan: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
     assert_eq!(plan["format"], "overfly-plan/1");
 
@@ -395,4 +428,40 @@ fn a_degraded_scene_keeps_its_structures_and_warns_when_the_safety_distance_cann
     assert!(vertical <= 0.9 * 24.0 && (answer["warning"].is_null() == (vertical <= 5.0)), "{answer}");
     let refused = place.run(&["degrade", &scene, "--heights", "91", "--out", "x.geojson"]);
     assert!(refused.status.code() == Some(2) && stderr(&refused).contains("0 to 90"), "{}", stderr(&refused));
+}
+
+#[test]
+fn a_refined_plan_keeps_what_is_asked_of_it_and_repeats_itself_from_its_rounds() {
+    let place = Place::new();
+    let scene = place.scene();
+    let sizes = ["--samples", "200", "--viewpoints", "300"];
+    let plan = |words: &[&str]| place.json(&[&["plan", &scene, "--rig", "phantom4-rtk"], &sizes[..], words].concat());
+
+    let timed = plan(&["--budget", "0.5", "--coverage", "70", "--out", "timed"]);
+    assert_eq!((&timed["method"], &timed["goal_percent"]), (&"refined".into(), &70.0.into()));
+    assert!(timed["goal_reached"] == true && timed["coverage_percent"].as_f64().unwrap() >= 70.0, "{timed}");
+
+    // A flight of half the time captures less, and keeps its time.
+    let half_s = (timed["profile_s"].as_f64().unwrap() / 2.0).to_string();
+    let short = plan(&["--iterations", "20", "--max-time", &half_s]);
+    assert!(short["profile_s"].as_f64().unwrap() <= half_s.parse().unwrap(), "{short}");
+    assert!(short["coverage_percent"].as_f64().unwrap() < timed["coverage_percent"].as_f64().unwrap());
+    assert!(short["coverage_percent"].as_f64().unwrap() > 10.0);
+
+    // Half of the scene has fewer samples to capture, and a shorter flight.
+    let whole = plan(&["--iterations", "20", "--coverage", "70"]);
+    let west = plan(&["--iterations", "20", "--coverage", "70", "--region", "-500,-500 0,-500 0,500 -500,500"]);
+    assert!(west["capturable_percent"].as_f64().unwrap() < 0.8 * whole["capturable_percent"].as_f64().unwrap());
+    assert!(west["profile_s"].as_f64().unwrap() < whole["profile_s"].as_f64().unwrap(), "{west}");
+
+    for (words, named) in [
+        (vec!["--iterations", "9", "--max-time", "0.5"], "more time"),
+        (vec!["--method", "paper", "--budget", "1"], "refined"),
+        (vec!["--iterations", "9", "--region", "0,0 10,10 10,0 0,10"], "crosses itself"),
+    ] {
+        let message = place.fails(6, "no_plan", &[&["plan", &scene], &words[..]].concat());
+        assert!(message.contains(named), "{message}");
+    }
+    place.fails(2, "usage", &["plan", &scene, "--budget", "1", "--iterations", "3"]);
+    place.fails(2, "usage", &["plan", &scene, "--max-time", "100", "--coverage", "50"]);
 }

@@ -85,7 +85,7 @@ fn the_search_of_a_killed_client_is_stopped_and_its_plan_published() {
     let client = served.client();
     load(&client, "block");
     let watch = client.watch("block").unwrap();
-    let arguments = ["plan", "block", "--iterations", "1000000", "--domain", served.domain.name()];
+    let arguments = ["plan", "block", "--method", "paper", "--iterations", "1000000", "--domain", served.domain.name()];
     let mut pilot = std::process::Command::new(env!("CARGO_BIN_EXE_overfly"))
         .args(arguments)
         .stdout(std::process::Stdio::null())

@@ -17,6 +17,9 @@ use super::{daemon, load, plan};
 use crate::scene::{self, BlockSettings, Scene};
 use crate::trajectory::plan::{Plan, RunTimes};
 
+/// Rounds of the refinement: as few as a show has patience for.
+const ROUNDS: u32 = 24;
+
 /// How much taller one building becomes.
 const RAISE_M: f64 = 15.0;
 
@@ -59,7 +62,7 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     let mut meter = Meter::new(form);
     let source = SceneSource::Bytes { file_name: format!("{}.geojson", scene.name), bytes: geojson.into_bytes() };
     let loaded = client.load(source, None, &mut |note| meter.note(note))?;
-    let order = PlanOrder { seed, ..Default::default() };
+    let order = PlanOrder { seed, iterations: Some(ROUNDS), ..Default::default() };
     let message = client.plan(&loaded.scene, &order, &mut |note| meter.note(note))?;
     let (plan, times) = daemon::plan_of(&message)?;
     let flight = daemon::flight(&plan, times, None, load::import_report(&loaded));

@@ -29,7 +29,10 @@ impl Heights {
 /// `has_goal` is false for a plan that was to fly for a given time.
 pub fn note(plan: &Plan, command: &str, heights: Option<&Heights>, has_goal: bool) -> Option<String> {
     let notes: Vec<String> =
-        [has_goal.then(|| below_goal(plan, command)).flatten(), low_ceiling(plan, heights), empty_battery(plan)].into_iter().flatten().collect();
+        [has_goal.then(|| below_goal(plan, command)).flatten(), low_ceiling(plan, heights), empty_battery(plan)]
+            .into_iter()
+            .flatten()
+            .collect();
     (!notes.is_empty()).then(|| notes.join("\n"))
 }
 

@@ -10,9 +10,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
 use rayon::prelude::*;
 
+use super::Confirmed;
 use super::draft::Splice;
 use super::flight::{Demand, Flight};
-use super::Confirmed;
 use super::ground::Ground;
 use super::moves::{self, exponential};
 use crate::camera::Pose;

@@ -11,13 +11,15 @@ mod flight;
 mod ground;
 mod moves;
 mod sights;
+#[cfg(test)]
+mod tests;
 mod timeline;
 
 pub use annealing::{Aim, Annealing, Best};
 pub use ground::Ground;
 
 use crate::camera::Pose;
-use crate::search::{Outcome, Problem, Progress, StopReason};
+use crate::search::{Iteration, Outcome, Problem, Progress, StopReason};
 use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::stop::StopToken;
 
@@ -76,38 +78,33 @@ pub fn refine(
 ) -> Outcome {
     let Task { aim, budget, seed } = *task;
     let mut annealing = Annealing::new(ground, path, aim, seed);
-    let mut convergence = Vec::new();
-    let mut round = |annealing: &mut Annealing, temperature_s: f64, rounds: u32| {
-        annealing.round(temperature_s * 1e9);
-        let record = annealing.record();
-        convergence.push(record);
-        on_progress(&Progress {
-            iteration: convergence.len() as u32,
-            iterations: rounds.max(convergence.len() as u32),
-            coverage_percent: record.coverage_percent,
-            length_m: record.length_m,
-            objective: record.objective,
-        });
-    };
+    let mut convergence: Vec<Iteration> = Vec::new();
     let mut rounds = match budget {
         Budget::Rounds(rounds) => rounds,
         Budget::Until(_) => u32::MAX,
     };
     let begun_s = stop.elapsed_s();
+    let mut tell = |record: Iteration, done: u32, rounds: u32| {
+        let Iteration { coverage_percent, length_m, objective, .. } = record;
+        on_progress(&Progress { iteration: done, iterations: rounds.max(done), coverage_percent, length_m, objective });
+    };
     let mut done = 0;
     while done < rounds && !stop.is_stopped() {
-        round(&mut annealing, temperature_s(ground, done, rounds), rounds);
+        annealing.round(temperature_s(ground, done, rounds) * 1e9);
         done += 1;
-        if CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32) {
-            annealing.calibrate(&confirm(&annealing.best().path));
-        }
+        convergence.push(annealing.record());
         if done == WARM_UP
             && let (Budget::Until(until_s), Some(begun_s), Some(now_s)) = (budget, begun_s, stop.elapsed_s())
         {
             let round_s = (now_s - begun_s) / f64::from(WARM_UP) * LATER_SHARE;
             rounds = done + ((until_s - now_s).max(0.0) / round_s.max(1e-6)) as u32;
         }
+        tell(annealing.record(), done, rounds);
+        if done > WARM_UP && CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32) {
+            annealing.calibrate(&confirm(&annealing.best().path));
+        }
     }
+
     let mut reason = if stop.is_stopped() { StopReason::Cancelled } else { StopReason::IterationsUsed };
     for repair in 0..=REPAIRS {
         let really = confirm(&annealing.best().path);
@@ -122,10 +119,11 @@ pub fn refine(
         }
         annealing.calibrate(&really);
         for _ in 0..(f64::from(rounds) * REPAIR_SHARE).ceil() as u32 {
-            round(&mut annealing, ground.settings.coldest_s, rounds);
+            annealing.round(ground.settings.coldest_s * 1e9);
+            tell(annealing.record(), done, rounds);
         }
     }
-    Outcome { path: annealing.best().path.clone(), convergence, stop: reason }
+    Outcome { path: ground.headed(&annealing.best().path), convergence, stop: reason }
 }
 
 /// From the hottest to the coldest, by equal factors; hottest while it is not known how many rounds there will be.

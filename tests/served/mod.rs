@@ -110,7 +110,7 @@ pub fn load(client: &Client, name: &str) -> Loaded {
 
 /// A search that takes well under a second.
 pub fn quick() -> PlanOrder {
-    PlanOrder { iterations: Some(40), ..Default::default() }
+    PlanOrder { method: "paper".into(), iterations: Some(40), ..Default::default() }
 }
 
 /// A search that does not end by itself while a test runs.

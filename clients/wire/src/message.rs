@@ -411,7 +411,9 @@ impl PlanOrder {
         }
         if !self.region_m.is_empty() && !(3..=MAX_OUTLINE_CORNERS).contains(&self.region_m.len()) {
             let corners = self.region_m.len();
-            return invalid(format!("the region has {corners} corners; give 3 to {MAX_OUTLINE_CORNERS}, or none for the whole scene"));
+            return invalid(format!(
+                "the region has {corners} corners; give 3 to {MAX_OUTLINE_CORNERS}, or none for the whole scene"
+            ));
         }
         self.region_m.iter().flatten().try_for_each(|value| check_coordinate("region", *value))?;
         self.start_m.into_iter().flatten().try_for_each(|value| check_coordinate("start", value))

@@ -1,0 +1,131 @@
+//! A flight that was changed step by step against one that is made anew, and against brute force.
+
+use std::sync::Arc;
+
+use rand_chacha::ChaCha8Rng;
+use rand_core::SeedableRng;
+
+use super::annealing::{Aim, Annealing, Sector};
+use super::draft::Splice;
+use super::flight::{Demand, Flight};
+use super::ground::Ground;
+use super::moves;
+use crate::camera::{Pose, Rig};
+use crate::coverage::Mask;
+use crate::field::Snapshot;
+use crate::scene::{BlockSettings, generate_block};
+use crate::search::Problem;
+use crate::search::leg::image_poses;
+use crate::session::Session;
+use crate::settings::Settings;
+use crate::stop::StopToken;
+use crate::trajectory::profile::Profile;
+
+fn small_block() -> (Snapshot, Settings) {
+    let mut settings = Settings::default();
+    settings.surface.samples = 150;
+    settings.field.viewpoints = 200;
+    let block = BlockSettings { seed: 5, extent_m: [120.0, 120.0], buildings: 9, ..Default::default() };
+    let stop = StopToken::default();
+    let session = Session::new(generate_block(&block), Arc::new(settings.clone()), &stop).expect("a generated block has a field");
+    let snapshot = session.survey(&stop).and_then(|survey| survey.into_snapshot(&stop)).expect("nobody stops it");
+    (snapshot, settings)
+}
+
+/// Calls `check` for every preset with its ground and a path of two waypoints.
+fn for_every_rig(check: impl Fn(&Ground, &[Pose], &Settings, &Snapshot)) {
+    let (snapshot, settings) = small_block();
+    for name in Rig::PRESETS {
+        let problem = Problem::new(&snapshot, &settings, Rig::preset(name).expect("a preset"));
+        let ground = Ground::new(&problem, &settings, false);
+        let positions: Vec<_> = problem.field.viewpoints.iter().map(|row| row.position_m.into()).collect();
+        let start = positions[0];
+        let next = *positions.iter().find(|next| problem.can_fly(&start, next)).expect("some leg is free");
+        let direction = problem.rig.pose_directions()[0];
+        check(&ground, &[start, next].map(|position| Pose { position, direction }), &settings, &snapshot);
+    }
+}
+
+/// A demand under which changes of all kinds are made.
+fn demand(ground: &Ground) -> Demand {
+    Demand { required: ground.problem.sufficient, price_ns: 2e9, surplus_share: 0.3, cells_share: 1.0 }
+}
+
+/// What both flights say of themselves.
+fn figures(flight: &Flight, ground: &Ground) -> (u64, u32, Vec<u32>) {
+    let cells = ground.capturable.iter().map(|&i| flight.counts.cells(i as usize)).collect();
+    (flight.duration_ns(), flight.counts.totals().captured, cells)
+}
+
+#[test]
+fn a_flight_changed_step_by_step_is_the_one_made_anew() {
+    for_every_rig(|ground, path, settings, _| {
+        let mut random = ChaCha8Rng::seed_from_u64(9);
+        let mut flight = Flight::new(ground, path);
+        let (mut splice, mut made) = (Splice::default(), 0);
+        for step in 0..3000 {
+            let sector = Sector { head: 0, tail: 0 };
+            if !moves::propose(ground, &flight, sector, &mut random, &mut splice) {
+                continue;
+            }
+            let before = (step % 100 == 0).then(|| figures(&flight, ground));
+            if flight.attempt(ground, &splice, &demand(ground), 1e9) {
+                made += 1;
+            } else if let Some(before) = before {
+                assert_eq!(figures(&flight, ground), before, "a change that is not made leaves no trace");
+            }
+            if step % 250 == 249 {
+                assert_eq!(figures(&flight, ground), figures(&Flight::new(ground, &flight.path()), ground));
+            }
+        }
+        assert!(made > 100 && flight.waypoints.len() > 3, "{made} changes, {} waypoints", flight.waypoints.len());
+        let rig = &ground.problem.rig;
+        let profile_s = Profile::new(&flight.path(), rig, &settings.flight, &settings.dynamics).duration_s();
+        assert!((flight.duration_ns() as f64 * 1e-9 - profile_s).abs() < 1e-6 * profile_s);
+    });
+}
+
+#[test]
+fn no_image_is_counted_for_more_than_it_really_sees() {
+    for_every_rig(|ground, path, _, snapshot| {
+        let problem = ground.problem;
+        let mut annealing = Annealing::new(ground, path, Aim::LeastTime { required: problem.sufficient }, 3);
+        (0..12).for_each(|_| annealing.round(1e9));
+        let path = annealing.best().path.clone();
+        let flight = Flight::new(ground, &path);
+        let poses: Vec<Pose> = (path.iter().take(1).copied())
+            .chain(path.windows(2).flat_map(|ends| image_poses(&problem.rig, &ends[0], &ends[1], problem.image_spacing_m)))
+            .collect();
+        for &i in &ground.capturable {
+            let frame = &problem.frames[i as usize];
+            let end = frame.position + frame.normal * snapshot.offset_m;
+            let sees = |pose: &&Pose| {
+                let frames =
+                    |pose: &Pose| problem.rig.frusta(pose).is_none_or(|views| views.iter().any(|v| v.frames(&frame.position)));
+                frames(pose) && !snapshot.free.clearance.occluded(&pose.position, &end)
+            };
+            let really: Mask =
+                poses.iter().filter(sees).fold(0, |mask, pose| mask | problem.disks.exact_mask(frame, &pose.position));
+            assert!(flight.counts.cells(i as usize) <= really.count_ones(), "sample {i} with {}", problem.rig.name);
+        }
+        assert!(annealing.best().captured > 0 && path.len() > 2, "{} with {}", annealing.best().captured, problem.rig.name);
+    });
+}
+
+#[test]
+fn every_waypoint_and_leg_keeps_the_limits_and_a_fixed_start_stays() {
+    for_every_rig(|free_ground, path, settings, _| {
+        let problem = free_ground.problem;
+        let ground = Ground::new(problem, settings, true);
+        let mut annealing = Annealing::new(&ground, path, Aim::LeastTime { required: problem.sufficient }, 4);
+        (0..12).for_each(|_| annealing.round(1e9));
+        let refined = &annealing.best().path;
+        assert_eq!(refined[0].position, path[0].position);
+        for ends in refined.windows(2) {
+            assert!(problem.can_fly(&ends[0].position, &ends[1].position));
+            assert!(!problem.rig.has_gimbal() || problem.can_turn(&ends[0], &ends[1]));
+        }
+        let reaches = |pose: &Pose| pose.direction.is_none_or(|direction| problem.rig.reaches(&direction));
+        assert!(refined.iter().all(|pose| problem.free.is_safe(&pose.position) && reaches(pose)));
+    });
+}

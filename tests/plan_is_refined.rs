@@ -1,0 +1,84 @@
+//! Local search: better than the tree at equal coverage, within its budget, and the same again from the number of its rounds.
+
+mod support;
+
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use overfly::camera::Rig;
+use overfly::planner::{Method, PlanOptions, StopToken, plan};
+use overfly::session::Snapshot;
+use overfly::settings::Settings;
+use overfly::trajectory::plan::{Plan, StopReason};
+use support::{session, small_block, small_settings, snapshot};
+
+fn refined(rig: &str, rounds: u32) -> PlanOptions {
+    PlanOptions { iterations: Some(rounds), ..PlanOptions::new(Rig::preset(rig).expect("a preset"), Method::Refined, 2) }
+}
+
+fn flown(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions, stop: &StopToken) -> Plan {
+    plan(snapshot, settings, options, stop, &mut |_| {}).expect("the block can be flown")
+}
+
+#[test]
+fn at_the_coverage_of_the_tree_the_refined_flight_takes_a_fraction_of_its_time() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(6), &settings));
+    for rig in ["panoramic", "phantom4-rtk", "m300-oblique"] {
+        let tree = PlanOptions { method: Method::Paper, ..refined(rig, 400) };
+        let tree = flown(&snapshot, &settings, &tree, &StopToken::default());
+        // A little less, as the goal has to be exceeded.
+        let goal_percent = Some(tree.metrics.coverage_percent - 0.5);
+        let refined = flown(&snapshot, &settings, &PlanOptions { goal_percent, ..refined(rig, 60) }, &StopToken::default());
+        assert_eq!(refined.stop, StopReason::GoalReached, "{rig}");
+        assert!(refined.metrics.coverage_percent >= goal_percent.unwrap(), "{rig}: {:?}", refined.metrics);
+        let ratio = refined.metrics.profile_s / tree.metrics.profile_s;
+        assert!(ratio < 0.7, "{rig}: {ratio} of {:?}", tree.metrics);
+        assert_eq!(refined.convergence.len(), 60);
+    }
+}
+
+#[test]
+fn a_budget_of_seconds_decides_on_the_number_of_rounds_and_on_nothing_else() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(6), &settings));
+    // A clock that runs by a tenth of a second whenever somebody looks.
+    let looks = AtomicU32::new(0);
+    let stop = StopToken::timed(move || f64::from(looks.fetch_add(1, Ordering::Relaxed)) * 0.1);
+    let timed = PlanOptions { iterations: None, budget_s: Some(0.55), ..refined("phantom4-rtk", 0) };
+    let timed = flown(&snapshot, &settings, &timed, &stop);
+    let rounds = timed.convergence.len() as u32;
+    assert!(rounds > 10, "{rounds}");
+    assert_eq!(timed, flown(&snapshot, &settings, &refined("phantom4-rtk", rounds), &StopToken::default()));
+}
+
+#[test]
+fn a_stopped_refinement_is_the_best_flight_so_far() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(6), &settings));
+    let stop = StopToken::default();
+    let stopped = plan(&snapshot, &settings, &refined("phantom4-rtk", 100_000), &stop, &mut |progress| {
+        if progress.iteration == 5 {
+            stop.stop();
+        }
+    })
+    .expect("a stopped search has a plan");
+    assert_eq!((stopped.stop, stopped.convergence.len()), (StopReason::Cancelled, 5));
+    assert!(stopped.metrics.coverage_percent > 10.0);
+}
+
+#[test]
+fn only_what_lies_in_the_region_counts() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(6), &settings));
+    let region_m = Some(vec![[-200.0, -200.0], [0.0, -200.0], [0.0, 200.0], [-200.0, 200.0]]);
+    let west = flown(&snapshot, &settings, &PlanOptions { region_m, ..refined("panoramic", 40) }, &StopToken::default());
+    let field = snapshot.field();
+    let threshold = field.facts.threshold_cells;
+    for (i, row) in field.samples.iter().enumerate() {
+        assert!(!west.is_capturable(i, threshold) || row.position_m[0] <= 0.0, "sample {i} at {:?}", row.position_m);
+    }
+    let capturable = (0..field.samples.len()).filter(|&i| west.is_capturable(i, threshold)).count();
+    assert!(capturable > 20);
+    let captured = (0..field.samples.len()).filter(|&i| west.is_capturable(i, threshold) && u32::from(west.cells[i]) > threshold);
+    assert_eq!(west.metrics.coverage_percent, 100.0 * captured.count() as f64 / capturable as f64);
+}

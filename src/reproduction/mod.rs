@@ -46,6 +46,10 @@ pub const MOST_SEEDS: u32 = 100;
 /// Sizes of a quick run: samples and viewpoints of a field, iterations of a search, samples of a truth, kicks of a tour.
 const QUICK: [u32; 5] = [150, 200, 30, 400, 5];
 
+/// Rounds of a refined flight, whatever the settings say: the usual number is one that a user waits for.
+const REFINED_ROUNDS: u32 = 400;
+const QUICK_ROUNDS: u32 = 6;
+
 /// A table or figure that can be asked for alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
@@ -170,6 +174,7 @@ pub struct Reproduction {
 /// Reproduces what is ordered. `scenes` are the real ones that were found; a table says which it lacks.
 pub fn reproduce(order: &Order, scenes: Vec<(Site, Scene)>, watch: Watch) -> Result<Reproduction, ReproductionError> {
     let mut settings = order.settings.clone();
+    settings.refine.rounds = REFINED_ROUNDS;
     let (mut seeds, mut block) = (order.seeds.clamp(1, MOST_SEEDS), ny1_size());
     if order.effort == Effort::Quick {
         [
@@ -179,7 +184,7 @@ pub fn reproduce(order: &Order, scenes: Vec<(Site, Scene)>, watch: Watch) -> Res
             settings.quality.samples,
             settings.baseline.tour_kicks,
         ] = QUICK;
-        (settings.baseline.smith_rounds, settings.baseline.zhou_rounds, settings.refine.rounds) = (1, 1, 6);
+        (settings.baseline.smith_rounds, settings.baseline.zhou_rounds, settings.refine.rounds) = (1, 1, QUICK_ROUNDS);
         (seeds, block) = (1, site::quick_block());
     }
     let scenes = std::iter::once((Site::Ny1, generate_block(&block))).chain(scenes).collect();

@@ -9,7 +9,7 @@ use crate::field::Snapshot;
 use crate::refine::{self, Aim, Budget, Confirmed, Ground, Task};
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
-use crate::search::{Problem, SearchError, search};
+use crate::search::{Problem, SearchError, Wanted, search};
 use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::Exposed;
@@ -40,6 +40,8 @@ pub struct PlanOptions {
     pub goal_percent: Option<f64>,
     /// For the refinement: the most coverage within this time of the speed profile, s, in place of a goal.
     pub within_s: Option<f64>,
+    /// Views with a larger ground sampling distance show nothing, m; `None` for the range of the coverage model.
+    pub gsd_m: Option<f64>,
     /// Corners of the area whose samples count, m in the local frame; `None` for the whole scene.
     pub region_m: Option<Vec<[f64; 2]>>,
     /// Where the flight starts, m in the local frame; `None` chooses a start. The baselines begin where their tours do.
@@ -59,6 +61,7 @@ impl PlanOptions {
             budget_s: None,
             goal_percent: None,
             within_s: None,
+            gsd_m: None,
             region_m: None,
             start_m: None,
             start_view: None,
@@ -83,6 +86,9 @@ impl PlanOptions {
         }
         if let Some(goal_percent) = self.goal_percent.filter(|percent| !(0.0..=100.0).contains(percent)) {
             return Err(PlanError::Goal { goal_percent });
+        }
+        if let Some(gsd_m) = self.gsd_m.filter(|gsd_m| !(*gsd_m > 0.0 && gsd_m.is_finite())) {
+            return Err(PlanError::SamplingDistance { gsd_m });
         }
         self.region().map(|_| ())?;
         let Some(view) = self.start_view else { return Ok(()) };
@@ -174,6 +180,8 @@ pub enum PlanError {
     Twofold,
     #[error("the coverage goal of {goal_percent} % will not do; give 0 to 100")]
     Goal { goal_percent: f64 },
+    #[error("a ground sampling distance of {gsd_m} m will not do; give a length above 0, such as 0.01")]
+    SamplingDistance { gsd_m: f64 },
     #[error("the region crosses itself or has no area; put its corners in order")]
     Region,
     #[error(
@@ -182,8 +190,8 @@ pub enum PlanError {
     )]
     TooShort { within_s: f64, least_s: f64 },
     #[error(
-        "no sample of the scene can be captured: no admissible view of {rig:?} comes within {range_m} m and sees enough of it; raise \
-         `flight.legal_ceiling_m` ({ceiling_m} m) or `coverage.range_m`, or take a rig with a wider view"
+        "no sample of the scene can be captured: no admissible view of {rig:?} comes within {range_m} m and sees enough of what is wanted; \
+         ask for less (region, ground sampling distance), raise `flight.legal_ceiling_m` ({ceiling_m} m) or `coverage.range_m`, or take a rig with a wider view"
     )]
     NothingCapturable { rig: String, range_m: f64, ceiling_m: f64 },
     #[error("the computation was abandoned")]
@@ -217,9 +225,9 @@ pub fn plan(
     options.check()?;
     let settings = &with_goal(settings, options.goal_percent);
     let rig = &flown_rig(options, settings);
-    let problem = Problem::within(snapshot, settings, rig.clone(), options.region()?.as_ref());
+    let problem = Problem::wanted(snapshot, settings, rig.clone(), &Wanted { region: options.region()?, gsd_m: options.gsd_m });
     if problem.capturable == 0 {
-        let (range_m, ceiling_m) = (settings.coverage.range_m, settings.flight.legal_ceiling_m);
+        let (range_m, ceiling_m) = (problem.disks.range_m(), settings.flight.legal_ceiling_m);
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
     }
     let Found { route, convergence, stop: reason } = match options.method {
@@ -234,7 +242,7 @@ pub fn plan(
     let deviations_m = safety::deviations_m(&route.waypoints, &limits, &snapshot.free);
     let profile = Profile::rounded(&route.waypoints, &limits, &deviations_m);
     let Exposed { mut images, delayed, dropped } = images::expose(&route, rig, &profile);
-    let sightings = evaluate::sightings(snapshot, &images, stop).ok_or(PlanError::Abandoned)?;
+    let sightings = evaluate::sightings(snapshot, &problem.disks, &images, stop).ok_or(PlanError::Abandoned)?;
     let capture = sightings.capture(&problem, |_| true);
     // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
     let at_start = sightings.capture(&problem, |image| image < rig.camera_count() as u32);
@@ -340,8 +348,8 @@ fn captured(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &
     let profile = profile(path, snapshot, settings, problem);
     let route = Route::continuous(path, &problem.rig, problem.image_spacing_m);
     let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
-    let captured =
-        evaluate::sightings(snapshot, &images, stop).map_or(0, |sightings| sightings.capture(problem, |_| true).captured);
+    let captured = evaluate::sightings(snapshot, &problem.disks, &images, stop)
+        .map_or(0, |sightings| sightings.capture(problem, |_| true).captured);
     Confirmed { captured, duration_s: profile.duration_s() }
 }
 

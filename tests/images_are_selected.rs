@@ -18,7 +18,7 @@ fn for_every_rig(settings: &Settings, iterations: u32, mut judge: impl FnMut(&Pr
         let options = PlanOptions { iterations: Some(iterations), ..PlanOptions::new(rig.clone(), Method::Paper, 4) };
         let plan = plan(&snapshot, settings, &options, &StopToken::default(), &mut |_| {}).expect("the block can be flown");
         let problem = Problem::new(&snapshot, settings, rig);
-        let sightings = sightings(&snapshot, &plan.images, &StopToken::default()).expect("nobody stops it");
+        let sightings = sightings(&snapshot, &snapshot.disks, &plan.images, &StopToken::default()).expect("nobody stops it");
         judge(&problem, &plan, &sightings);
     }
 }

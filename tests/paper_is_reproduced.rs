@@ -267,7 +267,7 @@ fn a_ranking_holds_every_image_once_and_begins_with_the_selected_ones() {
         let options = PlanOptions { iterations: Some(60), ..PlanOptions::new(rig.clone(), Method::Paper, seed) };
         let plan = plan(&snapshot, &settings, &options, &StopToken::default(), &mut |_| {}).unwrap();
         let problem = Problem::new(&snapshot, &settings, rig);
-        let seen = sightings(&snapshot, &plan.images, &StopToken::default()).unwrap();
+        let seen = sightings(&snapshot, &snapshot.disks, &plan.images, &StopToken::default()).unwrap();
         let order = ranking(&problem, &seen, plan.images.len());
         let selected = plan.selected_images();
         assert!(0 < selected && selected < plan.images.len());

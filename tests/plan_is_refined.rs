@@ -27,10 +27,15 @@ fn at_the_coverage_of_the_tree_the_refined_flight_takes_a_fraction_of_its_time()
         let tree = PlanOptions { method: Method::Paper, ..refined(rig, 400) };
         let tree = flown(&snapshot, &settings, &tree, &StopToken::default());
         // A little less, as the goal has to be exceeded.
-        let goal_percent = Some(tree.metrics.coverage_percent - 0.5);
-        let refined = flown(&snapshot, &settings, &PlanOptions { goal_percent, ..refined(rig, 60) }, &StopToken::default());
+        let goal_percent = tree.metrics.coverage_percent - 0.5;
+        let refined = flown(
+            &snapshot,
+            &settings,
+            &PlanOptions { goal_percent: Some(goal_percent), ..refined(rig, 60) },
+            &StopToken::default(),
+        );
         assert_eq!(refined.stop, StopReason::GoalReached, "{rig}");
-        assert!(refined.metrics.coverage_percent >= goal_percent.unwrap(), "{rig}: {:?}", refined.metrics);
+        assert!(refined.metrics.coverage_percent >= goal_percent, "{rig}: {:?}", refined.metrics);
         let ratio = refined.metrics.profile_s / tree.metrics.profile_s;
         assert!(ratio < 0.7, "{rig}: {ratio} of {:?}", tree.metrics);
         assert_eq!(refined.convergence.len(), 60);
@@ -81,4 +86,27 @@ fn only_what_lies_in_the_region_counts() {
     assert!(capturable > 20);
     let captured = (0..field.samples.len()).filter(|&i| west.is_capturable(i, threshold) && u32::from(west.cells[i]) > threshold);
     assert_eq!(west.metrics.coverage_percent, 100.0 * captured.count() as f64 / capturable as f64);
+}
+
+#[test]
+fn a_sampling_distance_brings_the_images_near() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(6), &settings));
+    let rig = Rig::preset("phantom4-rtk").expect("a preset");
+    let gsd_m = 0.006;
+    let near_m = gsd_m / rig.pixel_rad(0);
+    assert!(near_m < 0.5 * settings.coverage.range_m);
+    let near =
+        flown(&snapshot, &settings, &PlanOptions { gsd_m: Some(gsd_m), ..refined("phantom4-rtk", 40) }, &StopToken::default());
+    let far = flown(&snapshot, &settings, &refined("phantom4-rtk", 40), &StopToken::default());
+    assert!(near.metrics.capturable_percent < far.metrics.capturable_percent && near.metrics.coverage_percent > 50.0);
+    // What is covered is covered from near by.
+    let field = snapshot.field();
+    let captured: Vec<usize> = (0..field.samples.len()).filter(|&i| near.cells[i] > 0).collect();
+    assert!(captured.len() > 20);
+    for i in captured {
+        let sample = nalgebra::Point3::from(field.samples[i].position_m);
+        let nearest_m = near.images.iter().map(|image| (image.position_m - sample).norm()).fold(f64::INFINITY, f64::min);
+        assert!(nearest_m <= near_m, "sample {i} is {nearest_m} m from the nearest image");
+    }
 }

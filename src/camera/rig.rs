@@ -132,6 +132,11 @@ impl Rig {
         }
     }
 
+    /// The largest angle that one pixel of any of its cameras spans, rad.
+    pub fn coarsest_pixel_rad(&self) -> f64 {
+        (0..self.camera_count()).map(|camera| self.pixel_rad(camera)).fold(0.0, f64::max)
+    }
+
     /// How many times as far as the reference camera the rig sees as sharply. A panorama is an idea of the paper without a lens, and
     /// counts as the reference.
     pub fn sight_scale(&self) -> f64 {

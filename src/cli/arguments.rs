@@ -235,6 +235,10 @@ pub struct OrderArgs {
     /// For `refined`, in place of a goal: the most coverage within this flight time, s
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, conflicts_with = "coverage", value_parser = values::seconds)]
     pub max_time: Option<f64>,
+    /// Ground sampling distance that an image must have to count, m: nearer views are planned [default: whatever the range of the coverage
+    /// model gives]
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true, value_parser = values::metres)]
+    pub gsd: Option<f64>,
     /// Area whose surfaces are to be captured: corners in metres east and north of the scene's origin [default: the whole scene]
     #[arg(long, value_name = "\"X,Y X,Y X,Y\"", allow_hyphen_values = true)]
     pub region: Option<Outline>,

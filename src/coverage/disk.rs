@@ -120,9 +120,9 @@ impl CellDirections {
 
 #[multiversion(targets("x86_64+avx2", "aarch64+neon"))]
 fn flag_kernel(cells: &CellDirections, [x, y, z]: [f64; 3], least: f64, flags: &mut [u8; CELLS]) {
-    for k in 0..CELLS {
+    for (((flag, cell_x), cell_y), cell_z) in flags.iter_mut().zip(&cells.x).zip(&cells.y).zip(&cells.z) {
         // In the order of a dot product.
-        flags[k] = u8::from(cells.x[k] * x + cells.y[k] * y + cells.z[k] * z >= least);
+        *flag = u8::from(cell_x * x + cell_y * y + cell_z * z >= least);
     }
 }
 

@@ -56,7 +56,7 @@ impl Flight {
             counts.add(leg);
         }
         let path: Vec<Pose> = waypoints.iter().map(|waypoint| waypoint.pose).collect();
-        let timeline = Timeline::new(ground.limits.clone(), &path);
+        let timeline = Timeline::new(ground.limits, &path);
         Self { waypoints, counts, timeline, retimed: Retimed::default() }
     }
 

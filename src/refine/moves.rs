@@ -196,7 +196,7 @@ impl Proposal<'_> {
     }
 
     fn visit(&mut self) -> Option<()> {
-        let (position, direction) = self.view_of_missing()?;
+        let Pose { position, direction } = self.view_of_missing()?;
         let to_m = |k: usize| (self.pose(k).position - position).norm();
         let detour_m = |at: usize| match (at.checked_sub(1), at < self.count()) {
             (Some(before), true) => to_m(before) + to_m(at) - (self.pose(at).position - self.pose(before).position).norm(),
@@ -209,7 +209,7 @@ impl Proposal<'_> {
     }
 
     fn divert(&mut self) -> Option<()> {
-        let (position, direction) = self.view_of_missing()?;
+        let Pose { position, direction } = self.view_of_missing()?;
         let away = |k: usize| (self.pose(k).position - position).norm_squared();
         let at = self.sector.of(self.count()).map(|k| (away(k), k)).min_by(|a, b| a.0.total_cmp(&b.0))?.1;
         self.splice.range = at..at + 1;
@@ -357,7 +357,7 @@ impl Proposal<'_> {
     }
 
     /// A place that the field shows a missing sample from, and a view towards it.
-    fn view_of_missing(&mut self) -> Option<(Point3<f64>, Option<Unit<Vector3<f64>>>)> {
+    fn view_of_missing(&mut self) -> Option<Pose> {
         let i = self.missing_sample()?;
         let (problem, seers) = (self.ground.problem, &self.ground.seers[i]);
         if seers.is_empty() {
@@ -368,10 +368,10 @@ impl Proposal<'_> {
         let offset = Vector3::new(jitter(), jitter(), jitter()) * problem.field.facts.lattice_spacing_m;
         let position = Point3::from(problem.field.viewpoints[j].position_m) + offset;
         if !problem.rig.has_gimbal() {
-            return Some((position, None));
+            return Some(Pose { position, direction: None });
         }
         let target = problem.frames[i].position + normal(self.random) * AIM_SPREAD_M;
-        Some((position, Some(self.ground.aimed(&position, &target)?)))
+        Some(Pose { position, direction: Some(self.ground.aimed(&position, &target)?) })
     }
 
     /// Another view direction for a place: one of the discretised ones, one towards any sample in range, or one near the present one.

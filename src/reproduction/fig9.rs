@@ -58,7 +58,7 @@ fn summaries(study: &mut Study) -> Result<Vec<(String, Vec<Summary>)>, Reproduct
     let mut found: Vec<(String, Vec<Summary>)> = labels.map(|label| (label, Vec::new())).collect();
     for (number, plan) in flights.plans.iter().enumerate() {
         study.step(&format!("fewer and more images of flight {} of {}", number + 1, flights.plans.len()))?;
-        let seen = sightings(&snapshot, &plan.images, study.stop()).ok_or(ReproductionError::Stopped)?;
+        let seen = sightings(&snapshot, &snapshot.disks, &plan.images, study.stop()).ok_or(ReproductionError::Stopped)?;
         let order = ranking(&problem, &seen, plan.images.len());
         for (count, (_, summaries)) in counts(plan).into_iter().zip(&mut found) {
             let part = with_images(plan, &order[..count]);

@@ -11,5 +11,5 @@ mod tree;
 mod view_choice;
 
 pub use outcome::{Iteration, Outcome, Progress, StopReason};
-pub use problem::{Problem, SearchError};
+pub use problem::{Problem, SearchError, Wanted};
 pub use rrt_star::search;

@@ -1,5 +1,7 @@
 //! What a search works on: the field of one snapshot seen through one rig.
 
+use std::sync::Arc;
+
 use geo::{Coord, Intersects, Polygon};
 use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::FieldTable;
@@ -13,7 +15,7 @@ use crate::coverage::{CELLS, DiskModel, Information, Mask, SampleFrame};
 use crate::field::Lookup;
 use crate::field::Snapshot;
 use crate::scene::free_space::FreeSpace;
-use crate::settings::{SearchSettings, Settings};
+use crate::settings::{CoverageSettings, SearchSettings, Settings};
 
 /// Why a search could not start or go on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -23,6 +25,15 @@ pub enum SearchError {
          zones or limits"
     )]
     Unreachable { tries: u32 },
+}
+
+/// What a user wants of a scene, where it is not all of it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Wanted {
+    /// Only samples in this area count, seen from above, m in the local frame.
+    pub region: Option<Polygon>,
+    /// Views whose ground sampling distance is larger show nothing, m.
+    pub gsd_m: Option<f64>,
 }
 
 /// The planning problem of one snapshot, rig and objective.
@@ -47,7 +58,8 @@ pub struct Problem<'a> {
     pub frames: Vec<SampleFrame>,
     /// The discretised view directions of a camera on a gimbal (section 5.4); empty for other rigs.
     pub view_directions: Vec<Unit<Vector3<f64>>>,
-    pub disks: &'a DiskModel,
+    /// Disks as the field's, or with a shorter range.
+    pub disks: Arc<DiskModel>,
     lookup: &'a Lookup,
     /// How far in front of a sample a line of sight ends, m.
     offset_m: f64,
@@ -73,16 +85,22 @@ pub struct Scratch {
 impl<'a> Problem<'a> {
     /// The problem of the whole scene.
     pub fn new(snapshot: &'a Snapshot, settings: &Settings, rig: Rig) -> Self {
-        Self::within(snapshot, settings, rig, None)
+        Self::wanted(snapshot, settings, rig, &Wanted::default())
     }
 
-    /// The problem in which only samples in a region count, seen from above. Those outside have a ceiling of no cells.
-    pub fn within(snapshot: &'a Snapshot, settings: &Settings, rig: Rig, region: Option<&Polygon>) -> Self {
+    /// The problem in which only what is wanted counts. Samples outside of the region have a ceiling of no cells.
+    pub fn wanted(snapshot: &'a Snapshot, settings: &Settings, rig: Rig, wanted: &Wanted) -> Self {
         let field = snapshot.field();
         let threshold = field.facts.threshold_cells;
         let frames = frames(&field);
-        let mut ceilings = ceilings(&field, &rig, &frames, &snapshot.disks);
-        if let Some(region) = region {
+        let disks = match wanted.gsd_m.map(|gsd_m| gsd_m / rig.coarsest_pixel_rad()) {
+            Some(range_m) if range_m < snapshot.disks.range_m() => {
+                Arc::new(DiskModel::new(&CoverageSettings { range_m, ..settings.coverage.clone() }))
+            }
+            _ => Arc::clone(&snapshot.disks),
+        };
+        let mut ceilings = ceilings(&field, &rig, &frames, &disks, disks.range_m() < snapshot.disks.range_m());
+        if let Some(region) = &wanted.region {
             let is_outside = |frame: &SampleFrame| !region.intersects(&Coord { x: frame.position.x, y: frame.position.y });
             ceilings.iter_mut().zip(&frames).filter(|(_, frame)| is_outside(frame)).for_each(|(cells, _)| *cells = 0);
         }
@@ -102,10 +120,10 @@ impl<'a> Problem<'a> {
             settings: settings.search.clone(),
             capturable,
             sufficient: enough.min(capturable),
-            disks: &snapshot.disks,
             lookup: &snapshot.lookup,
             offset_m: snapshot.offset_m,
-            most_of_image: most_of_image(&field, &snapshot.disks),
+            most_of_image: most_of_image(&field, &disks),
+            disks,
             areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
             thresholds: ceilings.iter().map(|cells| if is_capturable(&cells) { threshold } else { CELLS as u32 }).collect(),
             frames,
@@ -254,9 +272,11 @@ fn is_framed(frusta: Option<&[View]>, target: &Point3<f64>) -> bool {
 
 /// What the rig's views from all viewpoints, in all directions that it can take, cover of each sample. For a rig that sees in all
 /// directions this is a section of the field; for others the frustum is a further test on the same visibility bits (section 5.4).
-fn ceilings(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskModel) -> Vec<u16> {
+/// `is_shorter` says that the disks reach less far than the field's.
+fn ceilings(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskModel, is_shorter: bool) -> Vec<u16> {
     let directions = rig.pose_directions();
-    if directions == [None] {
+    let sees_all = directions == [None];
+    if sees_all && !is_shorter {
         return field.ceilings.to_vec();
     }
     let nothing = || vec![0 as Mask; frames.len()];
@@ -264,7 +284,7 @@ fn ceilings(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskM
         let position = Point3::from(field.viewpoints[j].position_m);
         let views: Vec<View> =
             directions.iter().filter_map(|&direction| rig.frusta(&Pose { position, direction })).flatten().collect();
-        for i in seen_in(field.row(j)).filter(|&i| is_framed(Some(&views), &frames[i].position)) {
+        for i in seen_in(field.row(j)).filter(|&i| sees_all || is_framed(Some(&views), &frames[i].position)) {
             union[i] |= disks.mask(&frames[i], &position);
         }
         union

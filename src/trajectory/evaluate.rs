@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::plan::Image;
 use crate::camera::View;
-use crate::coverage::{Information, Mask, SampleFrame};
+use crate::coverage::{DiskModel, Information, Mask, SampleFrame};
 use crate::field::Snapshot;
 use crate::search::Problem;
 use crate::stop::StopToken;
@@ -30,7 +30,7 @@ pub struct Capture {
 }
 
 /// Casts every line of sight between the images and the exposed samples, in parallel over samples. `None` when abandoned.
-pub fn sightings(snapshot: &Snapshot, images: &[Image], stop: &StopToken) -> Option<Sightings> {
+pub fn sightings(snapshot: &Snapshot, disks: &DiskModel, images: &[Image], stop: &StopToken) -> Option<Sightings> {
     let field = snapshot.field();
     let views: Vec<Option<View>> = images.iter().map(Image::view).collect();
     let rows = field.samples.par_iter().map(|row| {
@@ -38,19 +38,25 @@ pub fn sightings(snapshot: &Snapshot, images: &[Image], stop: &StopToken) -> Opt
             return Some(Vec::new());
         }
         let sample = SampleFrame::new(row.position_m.into(), row.normal.into());
-        (!stop.is_abandoned()).then(|| seen_by(snapshot, images, &views, &sample))
+        (!stop.is_abandoned()).then(|| seen_by(snapshot, disks, images, &views, &sample))
     });
     rows.collect::<Option<_>>().map(Sightings)
 }
 
-fn seen_by(snapshot: &Snapshot, images: &[Image], views: &[Option<View>], sample: &SampleFrame) -> Vec<(u32, Mask)> {
+fn seen_by(
+    snapshot: &Snapshot,
+    disks: &DiskModel,
+    images: &[Image],
+    views: &[Option<View>],
+    sample: &SampleFrame,
+) -> Vec<(u32, Mask)> {
     let end: Point3<f64> = sample.position + sample.normal * snapshot.offset_m;
     let mask = |index: usize| {
         let position = &images[index].position_m;
-        let sees = snapshot.disks.faces(sample, position)
+        let sees = disks.faces(sample, position)
             && views[index].as_ref().is_none_or(|view| view.frames(&sample.position))
             && !snapshot.free.clearance.occluded(position, &end);
-        if sees { snapshot.disks.exact_mask(sample, position) } else { 0 }
+        if sees { disks.exact_mask(sample, position) } else { 0 }
     };
     (0..images.len()).map(|index| (index as u32, mask(index))).filter(|&(_, mask)| mask != 0).collect()
 }

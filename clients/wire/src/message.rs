@@ -92,6 +92,8 @@ pub struct PlanOrder {
     pub goal_percent: Option<f64>,
     /// For the method `refined`: the most coverage within this flight time, s, in place of a goal.
     pub within_s: Option<f64>,
+    /// Views with a larger ground sampling distance show nothing, m; `None` for the range of the daemon's coverage model.
+    pub gsd_m: Option<f64>,
     /// Corners of the area whose surfaces count, m in the local frame; empty for the whole scene.
     pub region_m: Vec<[f64; 2]>,
     /// Where the flight starts, m in the local frame; `None` lets the planner choose.
@@ -112,6 +114,7 @@ impl Default for PlanOrder {
             budget_s: None,
             goal_percent: None,
             within_s: None,
+            gsd_m: None,
             region_m: Vec::new(),
             start_m: None,
             start_view_deg: None,
@@ -409,6 +412,9 @@ impl PlanOrder {
         if let Some(percent) = self.goal_percent.filter(|percent| !(0.0..=100.0).contains(percent)) {
             return invalid(format!("the coverage goal is {percent} %; give 0 to 100"));
         }
+        if let Some(gsd_m) = self.gsd_m.filter(|gsd_m| !(*gsd_m > 0.0 && gsd_m.is_finite())) {
+            return invalid(format!("the ground sampling distance is {gsd_m} m; give a length above 0, such as 0.01"));
+        }
         if !self.region_m.is_empty() && !(3..=MAX_OUTLINE_CORNERS).contains(&self.region_m.len()) {
             let corners = self.region_m.len();
             return invalid(format!(
@@ -588,6 +594,7 @@ mod tests {
             plan(PlanOrder { budget_s: Some(0.0), ..order() }),
             plan(PlanOrder { within_s: Some(f64::NAN), ..order() }),
             plan(PlanOrder { goal_percent: Some(100.1), ..order() }),
+            plan(PlanOrder { gsd_m: Some(-0.01), ..order() }),
             plan(PlanOrder { region_m: vec![[0.0; 2]; 2], ..order() }),
             plan(PlanOrder { region_m: vec![[0.0, 1.0], [1.0, 2.0], [1e9, 0.0]], ..order() }),
             plan(PlanOrder { rig: "x".repeat(1000), ..order() }),

@@ -85,14 +85,15 @@ fn percent(value: f64) -> String {
 }
 
 fn ending(plan: &Plan) -> String {
-    let iterations = plan.convergence.len();
+    let noun = if plan.method == "refined" { "rounds" } else { "iterations" };
+    let iterations = format!("{} {noun}", plan.convergence.len());
     match plan.stop {
-        StopReason::GoalReached => format!("goal reached after {iterations} iterations"),
-        StopReason::IterationsUsed => format!("all {iterations} iterations used"),
-        StopReason::MemoryUsed => format!("memory used up after {iterations} iterations"),
-        StopReason::SpaceExhausted => format!("nothing more to reach after {iterations} iterations"),
+        StopReason::GoalReached => format!("goal reached after {iterations}"),
+        StopReason::IterationsUsed => format!("all {iterations} used"),
+        StopReason::MemoryUsed => format!("memory used up after {iterations}"),
+        StopReason::SpaceExhausted => format!("nothing more to reach after {iterations}"),
         StopReason::Complete => "the method is complete".to_owned(),
-        StopReason::Cancelled => format!("stopped after {iterations} iterations"),
+        StopReason::Cancelled => format!("stopped after {iterations}"),
     }
 }
 

@@ -508,9 +508,9 @@ pub struct DegradeArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Writes reproduction.md, reproduction.json and the charts (fig9.svg, fig10.svg, convergence.svg) into the folder of `--out`. Parts: table1, table2, \
-    table3, table4, table5, equal, fig9, fig10, convergence, times, sweep; all but the sweep by default. The seeds are 1, 2, ...; everything but \
-    the times is the same on every run. Scenes that the folder of `--scenes` does not hold are left out and named.\n\nExamples:\n  overfly reproduce\n  \
+    after_help = "Writes reproduction.md, reproduction.json and the charts (fig9.svg, fig10.svg, convergence.svg, pareto.svg) into the folder of `--out`. Parts: table1, table2, \
+    table3, table4, table5, equal, fig9, fig10, convergence, pareto, times, refined, sweep; all but the sweep by default. The seeds are 1, 2, ...; everything but \
+    times and refined is the same on every run. Scenes that the folder of `--scenes` does not hold are left out and named.\n\nExamples:\n  overfly reproduce\n  \
     overfly reproduce --only table1,fig9 --out figures\n  overfly reproduce --only sweep --out sweep"
 )]
 pub struct ReproduceArgs {

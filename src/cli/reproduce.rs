@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use serde_json::{Value, json};
@@ -39,7 +40,7 @@ pub fn run(arguments: &ReproduceArgs, form: Form) -> Result<Answer, Failure> {
         // A terminal shows the step at work; a log keeps them all.
         if is_terminal { meter.stage(step) } else { form.remark(&format!("{:7.1} s  {step}", started.elapsed().as_secs_f64())) }
     };
-    let watch = Watch { stop: &stop, on_step: &mut on_step, now_s: &|| started.elapsed().as_secs_f64() };
+    let watch = Watch { stop: &stop, on_step: &mut on_step, clock: Arc::new(move || started.elapsed().as_secs_f64()) };
     let found = reproduction::reproduce(&order, scenes, watch)?;
     drop(interrupts);
     drop(meter);

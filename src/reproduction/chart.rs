@@ -54,7 +54,7 @@ pub fn lines(title: &str, along: &str, panels: &[Panel]) -> String {
     let most = round_up(most.fold(0.0, f64::max));
     for (index, panel) in panels.iter().enumerate() {
         let values = panel.series.iter().flat_map(|series| &series.points).map(|point| point[1]);
-        let scale = Scale { corner: Sheet::corner(index), most: [most, round_up(values.fold(0.0, f64::max))] };
+        let scale = Scale { corner: Sheet::corner(index), least: [0.0; 2], most: [most, round_up(values.fold(0.0, f64::max))] };
         sheet.add(axes(&scale, &panel.title));
         for share in [0.0, 0.5, 1.0] {
             let [x, y] = scale.at([share * most, 0.0]);
@@ -69,13 +69,42 @@ pub fn lines(title: &str, along: &str, panels: &[Panel]) -> String {
     sheet.finish()
 }
 
+/// Points over `along`, joined where a line has several: each panel has axes of its own, and the one upward begins where it has to, so that what
+/// lies close together can be told apart. The legend names the lines of the first panel.
+pub fn scatter(title: &str, along: &str, panels: &[Panel]) -> String {
+    let names = panels.first().map_or(Vec::new(), |panel| panel.series.iter().map(|series| series.name.as_str()).collect());
+    let mut sheet = Sheet::new(title, panels.len(), &names);
+    for (index, panel) in panels.iter().enumerate() {
+        let figures = |axis: usize| panel.series.iter().flat_map(|series| &series.points).map(move |point| point[axis]);
+        let most = round_up(figures(0).fold(0.0, f64::max));
+        let [low, high] = [figures(1).fold(f64::INFINITY, f64::min), figures(1).fold(0.0, f64::max)];
+        let up = [(low / 10.0).floor().max(0.0) * 10.0, (high / 10.0).ceil().max(1.0) * 10.0];
+        let up = if up[0] < up[1] { up } else { [0.0, up[1]] };
+        let scale = Scale { corner: Sheet::corner(index), least: [0.0, up[0]], most: [most, up[1]] };
+        sheet.add(axes(&scale, &panel.title));
+        for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
+            let [x, y] = scale.at([share * most, up[0]]);
+            sheet.add(text([x, y + 16.0], 12.0, "middle", &short(share * most)));
+        }
+        let [x, y] = scale.at([most / 2.0, up[0]]);
+        sheet.add(text([x, y + 32.0], 12.0, "middle", along));
+        for (number, series) in panel.series.iter().enumerate() {
+            sheet.add(curve(&scale, series, COLOURS[number % COLOURS.len()]));
+        }
+    }
+    sheet.finish()
+}
+
 /// Bars of `members` in groups, in panels two abreast.
 pub fn bars(title: &str, members: &[&str], panels: &[BarPanel]) -> String {
     let mut sheet = Sheet::new(title, panels.len(), members);
     for (index, panel) in panels.iter().enumerate() {
         let values = panel.groups.iter().flat_map(|(_, bars)| bars).flatten().copied();
-        let scale =
-            Scale { corner: Sheet::corner(index), most: [panel.groups.len() as f64, round_up(values.fold(0.0, f64::max))] };
+        let scale = Scale {
+            corner: Sheet::corner(index),
+            least: [0.0; 2],
+            most: [panel.groups.len() as f64, round_up(values.fold(0.0, f64::max))],
+        };
         sheet.add(axes(&scale, &panel.title));
         for (number, (name, bars)) in panel.groups.iter().enumerate() {
             let [x, y] = scale.at([number as f64 + 0.5, 0.0]);
@@ -132,15 +161,19 @@ impl Sheet {
     }
 }
 
-/// From figures to places on the sheet; both axes begin at zero.
+/// From figures to places on the sheet.
 struct Scale {
     corner: [f64; 2],
+    least: [f64; 2],
     most: [f64; 2],
 }
 
 impl Scale {
     fn at(&self, point: [f64; 2]) -> [f64; 2] {
-        let share = [0, 1].map(|axis| if self.most[axis] > 0.0 { point[axis] / self.most[axis] } else { 0.0 });
+        let share = [0, 1].map(|axis| {
+            let range = self.most[axis] - self.least[axis];
+            if range > 0.0 { (point[axis] - self.least[axis]) / range } else { 0.0 }
+        });
         [rounded(self.corner[0] + share[0] * PANEL[0]), rounded(self.corner[1] + (1.0 - share[1]) * PANEL[1])]
     }
 }
@@ -148,8 +181,8 @@ impl Scale {
 fn axes(scale: &Scale, title: &str) -> Group {
     let mut group = Group::new().add(text([scale.corner[0], scale.corner[1] - 12.0], 14.0, "start", title));
     for share in [0.0, 0.5, 1.0] {
-        let value = share * scale.most[1];
-        let [x, y] = scale.at([0.0, value]);
+        let value = scale.least[1] + share * (scale.most[1] - scale.least[1]);
+        let [x, y] = scale.at([scale.least[0], value]);
         let colour = if share == 0.0 { INK } else { QUIET };
         group = group
             .add(Line::new().set("x1", x).set("y1", y).set("x2", x + PANEL[0]).set("y2", y).set("stroke", colour))
@@ -238,9 +271,21 @@ mod tests {
 
     #[test]
     fn a_curve_ends_where_its_figures_say() {
-        let scale = Scale { corner: [10.0, 20.0], most: [4.0, 2.0] };
+        let scale = Scale { corner: [10.0, 20.0], least: [0.0; 2], most: [4.0, 2.0] };
         assert_eq!(scale.at([0.0, 0.0]), [10.0, 20.0 + PANEL[1]]);
         assert_eq!(scale.at([4.0, 1.0]), [10.0 + PANEL[0], 20.0 + PANEL[1] / 2.0]);
+    }
+
+    #[test]
+    fn an_axis_that_does_not_begin_at_zero_is_used_from_end_to_end() {
+        let scale = Scale { corner: [10.0, 20.0], least: [0.0, 80.0], most: [4.0, 100.0] };
+        assert_eq!(scale.at([0.0, 80.0]), [10.0, 20.0 + PANEL[1]]);
+        assert_eq!(scale.at([4.0, 90.0]), [10.0 + PANEL[0], 20.0 + PANEL[1] / 2.0]);
+        let of = |points: Vec<[f64; 2]>| Panel { title: "y".to_owned(), series: vec![Series { name: "a".to_owned(), points }] };
+        let drawing = scatter("s", "x", &[of(vec![[10.0, 81.0], [20.0, 97.0]]), of(Vec::new()), of(vec![[1.0, 0.0]])]);
+        let document = roxmltree::Document::parse(&drawing).unwrap();
+        assert_eq!(document.descendants().filter(|node| node.has_tag_name("circle")).count(), 3);
+        assert!(!drawing.contains("NaN") && !drawing.contains("inf"), "{drawing}");
     }
 
     #[test]

@@ -75,13 +75,81 @@ pub fn match_completeness(
     let make = |point: u32| {
         let iterations = point.saturating_mul(grid.step);
         let options = PlanOptions { iterations: Some(iterations), ..PlanOptions::new(rival.rig.clone(), Method::Paper, seed) };
-        let plan = planner::plan(rival.snapshot, &settings, &options, stop, &mut |_| ())?;
-        let shots = quality::shots(&plan, Which::All);
-        let quality = quality::assess(rival.truth, &shots, rival.assessing, stop).ok_or(PlanError::Abandoned)?;
-        let is_reached = completeness_percent(&quality) >= wanted_percent;
-        if stop.is_stopped() { Err(PlanError::Abandoned) } else { Ok(Matched { iterations, plan, quality, is_reached }) }
+        matched(rival, &settings, &options, wanted_percent, stop)
     };
     least_enough(grid.points, make, |matched| matched.is_reached)
+}
+
+/// Flights that [`match_goal`] plans.
+const GOALS: usize = 4;
+
+/// Percent of Completeness for each percent of the goal, where only one side is known; measured on the block and on delfshaven.
+const SLOPE: f64 = 0.5;
+
+/// The goal that is aimed at lies by so much Completeness beyond the wanted one, percent.
+const BEYOND_PERCENT: f64 = 0.3;
+
+/// Goals that make sense, percent.
+const LEAST_GOAL_PERCENT: f64 = 2.0;
+const MOST_GOAL_PERCENT: f64 = 99.5;
+
+/// The refined flight of the lowest time whose Completeness is no lower than theirs, of a few that differ in their goal; when none is
+/// enough, the one that reconstructs most.
+pub fn match_goal(rival: &Rival, rounds: u32, seed: u64, theirs: &Quality, stop: &StopToken) -> Result<Matched, PlanError> {
+    let wanted_percent = completeness_percent(theirs);
+    let mut settings = rival.settings.clone();
+    let mut found: Vec<Matched> = Vec::new();
+    for _ in 0..GOALS {
+        let tried: Vec<[f64; 2]> = found.iter().map(|one| [one.plan.goal_percent, completeness_percent(&one.quality)]).collect();
+        settings.coverage.goal_percent = next_goal_percent(&tried, wanted_percent);
+        let options = PlanOptions { iterations: Some(rounds), ..PlanOptions::new(rival.rig.clone(), Method::Refined, seed) };
+        found.push(matched(rival, &settings, &options, wanted_percent, stop)?);
+    }
+    let time_s = |one: &Matched| one.plan.metrics.profile_s;
+    let order = |a: &Matched, b: &Matched| match (a.is_reached, b.is_reached) {
+        (true, true) => time_s(a).total_cmp(&time_s(b)),
+        (false, false) => completeness_percent(&b.quality).total_cmp(&completeness_percent(&a.quality)),
+        (a, b) => b.cmp(&a),
+    };
+    found.sort_by(order);
+    Ok(found.swap_remove(0))
+}
+
+/// The goal to try next, after pairs of a goal and the Completeness that came of it: on the line between the nearest that was not enough and the
+/// nearest that was, or on one of the usual slope while one of them is missing.
+fn next_goal_percent(tried: &[[f64; 2]], wanted_percent: f64) -> f64 {
+    let target = wanted_percent + BEYOND_PERCENT;
+    let is_enough = |point: &&[f64; 2]| point[1] >= wanted_percent;
+    let above = tried.iter().filter(is_enough).min_by(|a, b| a[0].total_cmp(&b[0]));
+    let below = tried.iter().filter(|point| !is_enough(point)).max_by(|a, b| a[0].total_cmp(&b[0]));
+    let goal_percent = match (below, above) {
+        (None, None) => wanted_percent - 8.0,
+        (Some(one), None) | (None, Some(one)) => {
+            let step = (target - one[1]) / SLOPE;
+            one[0] + if one[1] >= wanted_percent { step.min(-1.0) } else { step.max(1.0) }
+        }
+        (Some(below), Some(above)) => {
+            let share = ((target - below[1]) / (above[1] - below[1])).clamp(0.2, 0.9);
+            below[0] + share * (above[0] - below[0])
+        }
+    };
+    goal_percent.clamp(LEAST_GOAL_PERCENT, MOST_GOAL_PERCENT)
+}
+
+/// A flight of ours and what all its images make of the truth. A stopped search is [`PlanError::Abandoned`]: its flight would say nothing.
+fn matched(
+    rival: &Rival,
+    settings: &Settings,
+    options: &PlanOptions,
+    wanted_percent: f64,
+    stop: &StopToken,
+) -> Result<Matched, PlanError> {
+    let plan = planner::plan(rival.snapshot, settings, options, stop, &mut |_| ())?;
+    let shots = quality::shots(&plan, Which::All);
+    let quality = quality::assess(rival.truth, &shots, rival.assessing, stop).ok_or(PlanError::Abandoned)?;
+    let is_reached = completeness_percent(&quality) >= wanted_percent;
+    let iterations = options.iterations.unwrap_or_default();
+    if stop.is_stopped() { Err(PlanError::Abandoned) } else { Ok(Matched { iterations, plan, quality, is_reached }) }
 }
 
 /// What is made at the least of the points 1, 2, ... at which it is enough, by doubling and halving; at the last point when it is not enough
@@ -132,6 +200,23 @@ mod tests {
                 tried.sort_unstable();
                 assert!(tried.windows(2).all(|two| two[0] < two[1]), "twice the same: {tried:?}");
             }
+        }
+    }
+
+    #[test]
+    fn goals_come_close_to_the_least_one_that_is_enough() {
+        for wanted_percent in [15.0, 40.0, 70.0, 89.0, 95.0] {
+            // Completeness saturates with the goal.
+            let completeness = |goal_percent: f64| 100.0 * libm::pow(goal_percent / 100.0, 0.5);
+            let mut tried: Vec<[f64; 2]> = Vec::new();
+            for _ in 0..10 {
+                let goal_percent = next_goal_percent(&tried, wanted_percent);
+                assert!((LEAST_GOAL_PERCENT..=MOST_GOAL_PERCENT).contains(&goal_percent));
+                tried.push([goal_percent, completeness(goal_percent)]);
+            }
+            let enough = tried.iter().map(|point| point[1]).filter(|&percent| percent >= wanted_percent);
+            let nearest = enough.fold(f64::INFINITY, f64::min);
+            assert!(nearest <= wanted_percent + 2.0, "{wanted_percent}: {tried:?}");
         }
     }
 

@@ -13,7 +13,9 @@ pub mod json;
 pub mod markdown;
 mod matched;
 mod paper;
+mod pareto;
 mod planning_time;
+mod refined;
 mod site;
 mod statistics;
 mod study;
@@ -26,7 +28,7 @@ mod table4;
 mod table5;
 
 pub use chart::Drawing;
-pub use matched::{Grid, Matched, Rival, completeness_percent, match_completeness};
+pub use matched::{Grid, Matched, Rival, completeness_percent, match_completeness, match_goal};
 pub use site::Site;
 pub use statistics::Spread;
 pub use study::Watch;
@@ -44,6 +46,10 @@ pub const MOST_SEEDS: u32 = 100;
 /// Sizes of a quick run: samples and viewpoints of a field, iterations of a search, samples of a truth, kicks of a tour.
 const QUICK: [u32; 5] = [150, 200, 30, 400, 5];
 
+/// Rounds of a refined flight, whatever the settings say: the usual number is one that a user waits for.
+const REFINED_ROUNDS: u32 = 400;
+const QUICK_ROUNDS: u32 = 6;
+
 /// A table or figure that can be asked for alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
@@ -57,13 +63,17 @@ pub enum Part {
     Fig9,
     Fig10,
     Convergence,
+    /// Time against Completeness of all methods.
+    Pareto,
     Times,
+    /// The refinement against the paper's search in the same time.
+    Refined,
     Sweep,
 }
 
 impl Part {
     /// All parts, in the order in which they are reported.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 13] = [
         Self::Table1,
         Self::Table2,
         Self::Table3,
@@ -73,7 +83,9 @@ impl Part {
         Self::Fig9,
         Self::Fig10,
         Self::Convergence,
+        Self::Pareto,
         Self::Times,
+        Self::Refined,
         Self::Sweep,
     ];
 
@@ -88,7 +100,9 @@ impl Part {
             Self::Fig9 => "fig9",
             Self::Fig10 => "fig10",
             Self::Convergence => "convergence",
+            Self::Pareto => "pareto",
             Self::Times => "times",
+            Self::Refined => "refined",
             Self::Sweep => "sweep",
         }
     }
@@ -160,6 +174,7 @@ pub struct Reproduction {
 /// Reproduces what is ordered. `scenes` are the real ones that were found; a table says which it lacks.
 pub fn reproduce(order: &Order, scenes: Vec<(Site, Scene)>, watch: Watch) -> Result<Reproduction, ReproductionError> {
     let mut settings = order.settings.clone();
+    settings.refine.rounds = REFINED_ROUNDS;
     let (mut seeds, mut block) = (order.seeds.clamp(1, MOST_SEEDS), ny1_size());
     if order.effort == Effort::Quick {
         [
@@ -169,11 +184,11 @@ pub fn reproduce(order: &Order, scenes: Vec<(Site, Scene)>, watch: Watch) -> Res
             settings.quality.samples,
             settings.baseline.tour_kicks,
         ] = QUICK;
-        (settings.baseline.smith_rounds, settings.baseline.zhou_rounds) = (1, 1);
+        (settings.baseline.smith_rounds, settings.baseline.zhou_rounds, settings.refine.rounds) = (1, 1, QUICK_ROUNDS);
         (seeds, block) = (1, site::quick_block());
     }
     let scenes = std::iter::once((Site::Ny1, generate_block(&block))).chain(scenes).collect();
-    let mut study = Study::new(settings, seeds, scenes, watch);
+    let mut study = Study::new(settings, order.effort, seeds, scenes, watch);
     let mut found = Reproduction::default();
     for part in Part::ALL.into_iter().filter(|part| order.parts.contains(part)) {
         study.step(part.name())?;
@@ -193,7 +208,9 @@ fn add(found: &mut Reproduction, part: Part, study: &mut Study) -> Result<(), Re
         Part::Fig9 => add_figure(found, fig9::figure(study)?),
         Part::Fig10 => add_figure(found, fig10::figure(study)?),
         Part::Convergence => add_figure(found, convergence::figure(study)?),
+        Part::Pareto => add_figure(found, pareto::figure(study)?),
         Part::Times => found.times.push(planning_time::table(study)?),
+        Part::Refined => found.times.push(refined::table(study)?),
         Part::Sweep => found.tables.push(sweep::table(study)?),
     }
     Ok(())

@@ -10,11 +10,12 @@ pub enum Site {
     Delfshaven,
     Nihonbashi,
     Manhattan,
+    Marunouchi,
 }
 
 impl Site {
     /// Those that come from files.
-    pub const REAL: [Self; 3] = [Self::Delfshaven, Self::Nihonbashi, Self::Manhattan];
+    pub const REAL: [Self; 4] = [Self::Delfshaven, Self::Nihonbashi, Self::Manhattan, Self::Marunouchi];
 
     pub fn name(self) -> &'static str {
         match self {
@@ -22,6 +23,7 @@ impl Site {
             Self::Delfshaven => "delfshaven",
             Self::Nihonbashi => "nihonbashi",
             Self::Manhattan => "manhattan",
+            Self::Marunouchi => "marunouchi",
         }
     }
 
@@ -32,6 +34,7 @@ impl Site {
             Self::Delfshaven => Some("delfshaven/delfshaven.city.json"),
             Self::Nihonbashi => Some("nihonbashi/buildings.geojson"),
             Self::Manhattan => Some("manhattan/buildings.geojson"),
+            Self::Marunouchi => Some("marunouchi/buildings.geojson"),
         }
     }
 }

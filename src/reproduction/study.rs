@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::ReproductionError;
 use super::figures;
 use super::site::Site;
+use super::{Effort, ReproductionError};
 use crate::camera::Rig;
 use crate::field::{FieldError, Snapshot};
 use crate::planner::{self, Method, PlanError, PlanOptions, StopToken};
@@ -17,12 +17,15 @@ use crate::session::Session;
 use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, sight_scale};
 
+/// Seconds since any fixed moment.
+pub type Clock = Arc<dyn Fn() -> f64 + Send + Sync>;
+
 /// What a run is told from outside: when to end, whom to tell of each step, and the time.
 pub struct Watch<'a> {
     pub stop: &'a StopToken,
     pub on_step: &'a mut dyn FnMut(&str),
-    /// Seconds since any fixed moment; only planning times are measured with it.
-    pub now_s: &'a dyn Fn() -> f64,
+    /// Only planning times are measured with it, and plans that are given so much time.
+    pub clock: Clock,
 }
 
 /// One way to plan flights over one scene; there is a flight for each seed.
@@ -33,6 +36,8 @@ pub struct Trial {
     pub method: Method,
     pub settings: Settings,
     pub proxy: Proxy,
+    /// Flights of seeds 1 to this, unless the method knows no chance.
+    pub seeds: u32,
 }
 
 impl Trial {
@@ -89,6 +94,7 @@ struct Made {
 /// Everything that the tables share.
 pub struct Study<'a> {
     pub seeds: u32,
+    pub effort: Effort,
     /// The settings of the benchmarks; those of real scenes are made of them.
     pub settings: Settings,
     watch: Watch<'a>,
@@ -100,10 +106,11 @@ pub struct Study<'a> {
 }
 
 impl<'a> Study<'a> {
-    pub fn new(settings: Settings, seeds: u32, scenes: Vec<(Site, Scene)>, watch: Watch<'a>) -> Self {
+    pub fn new(settings: Settings, effort: Effort, seeds: u32, scenes: Vec<(Site, Scene)>, watch: Watch<'a>) -> Self {
         let scenes = scenes.into_iter().map(|(site, scene)| (site, Arc::new(scene))).collect();
         Self {
             seeds,
+            effort,
             settings,
             watch,
             scenes,
@@ -131,7 +138,12 @@ impl<'a> Study<'a> {
 
     /// Seconds, by the clock that the caller gave.
     pub fn now_s(&self) -> f64 {
-        (self.watch.now_s)()
+        (self.watch.clock)()
+    }
+
+    /// The clock itself, for a stop token.
+    pub fn clock(&self) -> Clock {
+        Arc::clone(&self.watch.clock)
     }
 
     /// The trial of a site with the scene as its own proxy. Its settings are adapted to the sight of the cameras that are flown.
@@ -143,7 +155,7 @@ impl<'a> Study<'a> {
             // The flights will say so.
             Err(_) => settings,
         };
-        Trial { site, rig, method, settings, proxy: Proxy::EXACT }
+        Trial { site, rig, method, settings, proxy: Proxy::EXACT, seeds: self.seeds }
     }
 
     /// The flights of a trial, one for each seed, planned side by side.
@@ -153,11 +165,13 @@ impl<'a> Study<'a> {
         }
         self.step(&trial.describe())?;
         let rig = Rig::preset(trial.rig)?;
-        let seeds: Vec<u64> = (1..=self.seeds_of(trial.method)).collect();
+        let seeds: Vec<u64> = (1..=seeds_of(trial)).collect();
         let snapshots = seeds.iter().map(|&seed| self.snapshot(trial, seed)).collect::<Result<Vec<_>, _>>()?;
         let stop = self.watch.stop;
         let plan = |(snapshot, &seed): (&Snapshot, &u64)| {
-            let options = PlanOptions::new(rig.clone(), trial.method, seed);
+            // As many rounds on every site, whatever its size.
+            let rounds = (trial.method == Method::Refined).then_some(trial.settings.refine.rounds);
+            let options = PlanOptions { iterations: rounds, ..PlanOptions::new(rig.clone(), trial.method, seed) };
             planner::plan(snapshot, &trial.settings, &options, stop, &mut |_| ())
         };
         let planned: Vec<Result<Plan, PlanError>> = snapshots.par_iter().zip(&seeds).map(plan).collect();
@@ -170,14 +184,6 @@ impl<'a> Study<'a> {
         });
         self.flights.push((trial.clone(), Arc::clone(&flights)));
         Ok(flights)
-    }
-
-    /// How many flights a method gets: there is no chance in oblique photography.
-    fn seeds_of(&self, method: Method) -> u64 {
-        match method {
-            Method::Oblique => 1,
-            Method::Refined | Method::Paper | Method::Smith | Method::Zhou => self.seeds.into(),
-        }
     }
 
     /// The field of the proxy that a trial plans on with one seed.
@@ -240,6 +246,14 @@ impl<'a> Study<'a> {
 
     fn known_scene(&self, site: Site) -> Result<Arc<Scene>, ReproductionError> {
         self.scene(site).ok_or(ReproductionError::NoScene { site: site.name() })
+    }
+}
+
+/// How many flights a trial has: there is no chance in oblique photography.
+fn seeds_of(trial: &Trial) -> u64 {
+    match trial.method {
+        Method::Oblique => 1,
+        Method::Refined | Method::Paper | Method::Smith | Method::Zhou => trial.seeds.into(),
     }
 }
 

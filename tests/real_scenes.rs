@@ -9,7 +9,7 @@ use overfly::planner::{Method, PlanOptions, flown_rig};
 use overfly::planner::{StopToken, plan};
 use overfly::session::Snapshot;
 use overfly::settings::Settings;
-use overfly::trajectory::plan::Plan;
+use overfly::trajectory::plan::{Plan, StopReason};
 use parry3d::math::Vector;
 use parry3d::query::PointQuery;
 use parry3d::shape::Triangle;
@@ -164,6 +164,19 @@ fn real_scene_delfshaven_by_five_bolted_cameras() {
 #[test]
 fn real_scene_nihonbashi_by_a_camera_on_a_gimbal() {
     check_flight("nihonbashi/buildings.geojson", &rig_options("phantom4-rtk", 1, 150), 12.0);
+}
+
+#[test]
+fn real_scene_refined_flights_reach_their_goals() {
+    for (file, rig, rounds, goal_percent) in [
+        ("delfshaven/delfshaven.city.json", "phantom4-rtk", 40, 70.0),
+        ("delfshaven/delfshaven.city.json", "m300-oblique", 40, 50.0),
+        ("nihonbashi/buildings.geojson", "phantom4-rtk", 60, 60.0),
+    ] {
+        let options = PlanOptions { method: Method::Refined, goal_percent: Some(goal_percent), ..rig_options(rig, 1, rounds) };
+        let plan = check_flight(file, &options, goal_percent);
+        assert!(plan.is_none_or(|plan| plan.stop == StopReason::GoalReached), "{file} by {rig}");
+    }
 }
 
 #[test]

@@ -225,8 +225,8 @@ pub struct OrderArgs {
     /// [default: the setting search.iterations, 400]
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
-    /// For `refined`, in place of iterations: about how long the search may take, s. plan.json tells how many rounds these were; the same number
-    /// gives the same plan again
+    /// For `refined`, in place of iterations: about how long the search may take, s. The answer tells how many rounds these were
+    /// (`iterations`); the same number gives the same plan again
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, conflicts_with = "iterations", value_parser = values::seconds)]
     pub budget: Option<f64>,
     /// Coverage goal, percent of what the rig can capture at all [default: the setting coverage.goal_percent, 95]

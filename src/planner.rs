@@ -9,7 +9,7 @@ use crate::field::Snapshot;
 use crate::refine::{self, Aim, Budget, Confirmed, Ground, Task};
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
-use crate::search::{Problem, SearchError, Wanted, search};
+use crate::search::{Outcome, Problem, SearchError, Wanted, search};
 use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::Exposed;
@@ -176,6 +176,8 @@ pub enum PlanError {
     NoSeconds { method: &'static str },
     #[error("{seconds} s will not do; give more than 0 and at most {most} s", most = MOST_BUDGET_S)]
     Seconds { seconds: f64 },
+    #[error("a budget of seconds needs a stop token with a clock (`StopToken::timed`)")]
+    NoClock,
     #[error("give either iterations or seconds for the search, and either a coverage goal or a time for the flight")]
     Twofold,
     #[error("the coverage goal of {goal_percent} % will not do; give 0 to 100")]
@@ -232,7 +234,10 @@ pub fn plan(
     }
     let Found { route, convergence, stop: reason } = match options.method {
         Method::Refined => refined(snapshot, settings, &problem, options, stop, on_progress)?,
-        Method::Paper => tree_search(snapshot, settings, &problem, options, stop, on_progress)?,
+        Method::Paper => {
+            let iterations = options.iterations.unwrap_or(settings.search.iterations);
+            Found::of(tree_search(snapshot, settings, &problem, options, iterations, stop, on_progress)?, &problem)
+        }
         Method::Oblique => baseline::oblique::fly(&problem, &settings.baseline, stop, on_progress)?,
         Method::Smith => baseline::smith::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
         Method::Zhou => baseline::zhou::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
@@ -292,15 +297,13 @@ fn tree_search(
     settings: &Settings,
     problem: &Problem,
     options: &PlanOptions,
+    iterations: u32,
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
-) -> Result<Found, PlanError> {
+) -> Result<Outcome, PlanError> {
     let start = start_pose(problem, options, stop)?;
-    let iterations = options.iterations.unwrap_or(settings.search.iterations);
-    let confirm = |path: &[Pose]| captured(snapshot, settings, problem, path, stop);
-    let confirm = |path: &[Pose]| confirm(path).captured;
-    let outcome = search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?;
-    Ok(Found::of(outcome, problem))
+    let confirm = |path: &[Pose]| confirmed(snapshot, settings, problem, path, stop).captured;
+    Ok(search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?)
 }
 
 /// Beyond the paper: a small tree, whose flight is then improved.
@@ -312,27 +315,23 @@ fn refined(
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Found, PlanError> {
-    let begun_s = stop.elapsed_s();
-    let start = start_pose(problem, options, stop)?;
-    let confirm = |path: &[Pose]| captured(snapshot, settings, problem, path, stop);
-    let tree =
-        search(problem, start, settings.refine.tree_iterations, options.seed, stop, &|path| confirm(path).captured, &mut |_| {})?;
+    let rounds = options.iterations.unwrap_or_else(|| refine::rounds_of(settings, problem));
+    let budget = match (options.budget_s, stop.elapsed_s()) {
+        (None, _) => Budget::Rounds(rounds),
+        (Some(seconds), Some(begun_s)) => Budget::Until(begun_s + seconds),
+        (Some(_), None) => return Err(PlanError::NoClock),
+    };
+    let confirm = |path: &[Pose]| confirmed(snapshot, settings, problem, path, stop);
+    let tree = tree_search(snapshot, settings, problem, options, settings.refine.tree_iterations, stop, &mut |_| {})?;
     if tree.path.len() < 2 {
         return Ok(Found::of(tree, problem));
     }
     let ground = Ground::new(problem, settings, options.start_m.is_some());
-    let rounds = options.iterations.unwrap_or_else(|| refine::rounds_of(settings, problem));
-    let task = Task {
-        aim: match options.within_s {
-            Some(within_s) => Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 },
-            None => Aim::LeastTime { required: problem.sufficient },
-        },
-        budget: options
-            .budget_s
-            .zip(begun_s)
-            .map_or(Budget::Rounds(rounds), |(seconds, begun_s)| Budget::Until(begun_s + seconds)),
-        seed: options.seed,
+    let aim = match options.within_s {
+        Some(within_s) => Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 },
+        None => Aim::LeastTime { required: problem.sufficient },
     };
+    let task = Task { aim, budget, seed: options.seed };
     let outcome = refine::refine(&ground, &tree.path, &task, stop, &confirm, on_progress);
     if let Some(within_s) = options.within_s {
         let least_s = profile(&outcome.path, snapshot, settings, problem).duration_s();
@@ -344,7 +343,7 @@ fn refined(
 }
 
 /// What a finished path is really worth, by exact rays from its images.
-fn captured(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &[Pose], stop: &StopToken) -> Confirmed {
+fn confirmed(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &[Pose], stop: &StopToken) -> Confirmed {
     let profile = profile(path, snapshot, settings, problem);
     let route = Route::continuous(path, &problem.rig, problem.image_spacing_m);
     let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);

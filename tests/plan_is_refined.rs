@@ -5,7 +5,7 @@ mod support;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use overfly::camera::Rig;
-use overfly::planner::{Method, PlanOptions, StopToken, plan};
+use overfly::planner::{Method, PlanError, PlanOptions, StopToken, plan};
 use overfly::session::Snapshot;
 use overfly::settings::Settings;
 use overfly::trajectory::plan::{Plan, StopReason};
@@ -53,6 +53,8 @@ fn a_budget_of_seconds_decides_on_the_number_of_rounds_and_on_nothing_else() {
     let timed = flown(&snapshot, &settings, &timed, &stop);
     let rounds = timed.convergence.len() as u32;
     assert!(rounds > 10, "{rounds}");
+    let untimed = PlanOptions { iterations: None, budget_s: Some(0.55), ..refined("phantom4-rtk", 0) };
+    assert_eq!(plan(&snapshot, &settings, &untimed, &StopToken::default(), &mut |_| {}), Err(PlanError::NoClock));
     assert_eq!(timed, flown(&snapshot, &settings, &refined("phantom4-rtk", rounds), &StopToken::default()));
 }
 

@@ -79,14 +79,16 @@ impl<'w> Draft<'w> {
     /// The waypoints and the legs that the change does away with.
     pub fn dropped(&self) -> (Vec<usize>, Vec<usize>) {
         let Range { start, end } = self.splice.range;
-        let legs = start.saturating_sub(1)..end.min(self.waypoints.len() - 1);
-        let mut stays = vec![[false; 2]; end + 1];
-        for k in self.touched() {
-            if let Stop::Kept(old) = self.stop(k) {
-                stays[old][0] = true;
+        let first = start.saturating_sub(1);
+        // Whether the waypoint and the leg that leaves it stay, from the first one on that the change touches.
+        let mut stays = vec![[false; 2]; end - first];
+        for stop in &self.splice.stops {
+            if let Stop::Kept(old) = stop {
+                stays[old - first][0] = true;
             }
         }
-        self.legs().filter_map(|k| self.same_leg(k)).for_each(|old| stays[old][1] = true);
-        ((start..end).filter(|&old| !stays[old][0]).collect(), legs.filter(|&old| !stays[old][1]).collect())
+        self.legs().filter_map(|k| self.same_leg(k)).for_each(|old| stays[old - first][1] = true);
+        let legs = first..end.min(self.waypoints.len() - 1);
+        ((start..end).filter(|&old| !stays[old - first][0]).collect(), legs.filter(|&old| !stays[old - first][1]).collect())
     }
 }

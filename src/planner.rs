@@ -6,7 +6,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use crate::baseline::{self, BaselineError};
 use crate::camera::{Cameras, Pose, Rig, pitch_rad};
 use crate::field::Snapshot;
-use crate::refine::{self, Aim, Budget, Confirmed, Ground, Task};
+use crate::refine::{self, Aim, Budget, Confirmed, Ground, Task, Worth};
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
 use crate::search::{Outcome, Problem, SearchError, Wanted, search};
@@ -38,6 +38,9 @@ pub struct PlanOptions {
     pub budget_s: Option<f64>,
     /// Coverage goal G, percent of the capturable samples; `None` takes the setting.
     pub goal_percent: Option<f64>,
+    /// For the refinement: share of the samples that can have enough matched views (`quality.least_views`) that are to have them, percent; `None`
+    /// takes the coverage goal, 0 asks for none.
+    pub matched_percent: Option<f64>,
     /// For the refinement: the most coverage within this time of the speed profile, s, in place of a goal.
     pub within_s: Option<f64>,
     /// Views with a larger ground sampling distance show nothing, m; `None` for the range of the coverage model.
@@ -60,6 +63,7 @@ impl PlanOptions {
             iterations: None,
             budget_s: None,
             goal_percent: None,
+            matched_percent: None,
             within_s: None,
             gsd_m: None,
             region_m: None,
@@ -81,11 +85,18 @@ impl PlanOptions {
                 return Err(PlanError::Seconds { seconds });
             }
         }
-        if self.budget_s.is_some() && self.iterations.is_some() || self.within_s.is_some() && self.goal_percent.is_some() {
+        if self.budget_s.is_some() && self.iterations.is_some()
+            || self.within_s.is_some() && self.goal_percent.or(self.matched_percent).is_some()
+        {
             return Err(PlanError::Twofold);
         }
-        if let Some(goal_percent) = self.goal_percent.filter(|percent| !(0.0..=100.0).contains(percent)) {
-            return Err(PlanError::Goal { goal_percent });
+        for goal_percent in [self.goal_percent, self.matched_percent].into_iter().flatten() {
+            if !(0.0..=100.0).contains(&goal_percent) {
+                return Err(PlanError::Goal { goal_percent });
+            }
+        }
+        if self.matched_percent.is_some() && self.method != Method::Refined {
+            return Err(PlanError::NoMatches { method: self.method.name() });
         }
         if let Some(gsd_m) = self.gsd_m.filter(|gsd_m| !(*gsd_m > 0.0 && gsd_m.is_finite())) {
             return Err(PlanError::SamplingDistance { gsd_m });
@@ -180,7 +191,9 @@ pub enum PlanError {
     NoClock,
     #[error("give either iterations or seconds for the search, and either a coverage goal or a time for the flight")]
     Twofold,
-    #[error("the coverage goal of {goal_percent} % will not do; give 0 to 100")]
+    #[error("the method {method:?} plans for no matched views; the method \"refined\" does")]
+    NoMatches { method: &'static str },
+    #[error("a goal of {goal_percent} % will not do; give 0 to 100")]
     Goal { goal_percent: f64 },
     #[error("a ground sampling distance of {gsd_m} m will not do; give a length above 0, such as 0.01")]
     SamplingDistance { gsd_m: f64 },
@@ -273,6 +286,7 @@ pub fn plan(
         cells: capture.cells,
         ceilings: problem.ceilings,
         goal_percent: settings.coverage.goal_percent,
+        matched_goal_percent: matched_goal_percent(settings, options),
         clearance_m,
         convergence,
         stop: reason,
@@ -283,6 +297,14 @@ fn with_goal(settings: &Settings, goal_percent: Option<f64>) -> Settings {
     let mut settings = settings.clone();
     settings.coverage.goal_percent = goal_percent.unwrap_or(settings.coverage.goal_percent);
     settings
+}
+
+/// The goal for matched samples, percent; 0 for methods and plans that have none.
+fn matched_goal_percent(settings: &Settings, options: &PlanOptions) -> f64 {
+    match (options.method, options.within_s) {
+        (Method::Refined, None) => options.matched_percent.unwrap_or(settings.coverage.goal_percent),
+        _ => 0.0,
+    }
 }
 
 impl From<BaselineError> for PlanError {
@@ -302,7 +324,7 @@ fn tree_search(
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, PlanError> {
     let start = start_pose(problem, options, stop)?;
-    let confirm = |path: &[Pose]| confirmed(snapshot, settings, problem, path, stop).captured;
+    let confirm = |path: &[Pose]| confirmed(snapshot, settings, problem, path, stop).worth.captured;
     Ok(search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?)
 }
 
@@ -326,10 +348,11 @@ fn refined(
     if tree.path.len() < 2 {
         return Ok(Found::of(tree, problem));
     }
-    let ground = Ground::new(problem, settings, options.start_m.is_some());
+    let matched = problem.enough_matched(matched_goal_percent(settings, options));
+    let ground = Ground::new(problem, settings, options.start_m.is_some(), matched > 0);
     let aim = match options.within_s {
         Some(within_s) => Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 },
-        None => Aim::LeastTime { required: problem.sufficient },
+        None => Aim::LeastTime { required: Worth { captured: problem.sufficient, matched } },
     };
     let task = Task { aim, budget, seed: options.seed };
     let outcome = refine::refine(&ground, &tree.path, &task, stop, &confirm, on_progress);
@@ -347,9 +370,11 @@ fn confirmed(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: 
     let profile = profile(path, snapshot, settings, problem);
     let route = Route::continuous(path, &problem.rig, problem.image_spacing_m);
     let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
-    let captured = evaluate::sightings(snapshot, &problem.disks, &images, stop)
-        .map_or(0, |sightings| sightings.capture(problem, |_| true).captured);
-    Confirmed { captured, duration_s: profile.duration_s() }
+    let worth = evaluate::sightings(snapshot, &problem.disks, &images, stop).map_or(Worth::default(), |sightings| {
+        let Capture { captured, matched, .. } = sightings.capture(problem, |_| true);
+        Worth { captured, matched }
+    });
+    Confirmed { worth, duration_s: profile.duration_s() }
 }
 
 /// The profile of the curve that is flown.
@@ -410,6 +435,7 @@ fn metrics(
         coverage_percent: capture.coverage_percent,
         coverage_exposed_percent: capture.coverage_exposed_percent,
         capturable_percent: capture.capturable_percent,
+        matched_percent: capture.matched_percent,
         information: problem.objective.gain(capture.information),
         objective: problem.objective.value(&path),
         ..Metrics::default()

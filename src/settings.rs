@@ -209,8 +209,10 @@ pub struct RefineSettings {
     pub coldest_s: f64,
     /// Cells by which a sample has to exceed the threshold while the flight is improved.
     pub margin_cells: u32,
+    /// By which views have to keep within the parallax that can be matched, degrees.
+    pub margin_parallax_deg: f64,
     /// What all cells of a sample, and a sample beyond the goal, are worth, as shares of a sample's price.
-    pub cells_share: f64,
+    pub parts_share: f64,
     pub surplus_share: f64,
     /// Factors of the price after a round that ends short of the goal, and after one that does not.
     pub price_rise: f64,

@@ -6,7 +6,7 @@ use overfly::field::Snapshot;
 use overfly::planner::{Method, PlanOptions, StopToken, plan};
 use overfly::search::Problem;
 use overfly::settings::Settings;
-use overfly::trajectory::evaluate::{Sightings, sightings};
+use overfly::trajectory::evaluate::{Sighting, Sightings, sightings};
 use overfly::trajectory::plan::Plan;
 use overfly::trajectory::select::select;
 use support::{rigs, session, small_block, small_settings, snapshot};
@@ -25,8 +25,8 @@ fn for_every_rig(settings: &Settings, iterations: u32, mut judge: impl FnMut(&Pr
 
 /// Covered cells of each sample after the images of `chosen`.
 fn covered(sightings: &Sightings, chosen: &[usize]) -> Vec<u128> {
-    let of = |seen: &Vec<(u32, u128)>| {
-        seen.iter().filter(|(image, _)| chosen.contains(&(*image as usize))).fold(0, |union, (_, mask)| union | mask)
+    let of = |seen: &Vec<Sighting>| {
+        seen.iter().filter(|one| chosen.contains(&(one.image as usize))).fold(0, |union, one| union | one.mask)
     };
     sightings.0.iter().map(of).collect()
 }

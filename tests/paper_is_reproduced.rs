@@ -154,10 +154,13 @@ fn a_refined_flight_of_equal_completeness_is_enough_wherever_it_says_so() {
         let rival = Rival { snapshot: &snapshot, settings: &settings, rig: &rig, truth: &truth, assessing: &settings };
         let found = match_goal(&rival, 12, seed, &theirs, &stop).unwrap();
         // The plan is the one that its goal gives, and its Completeness its own.
-        let options = PlanOptions { iterations: Some(12), ..PlanOptions::new(rig.clone(), Method::Refined, seed) };
-        let mut of_goal = settings.clone();
-        of_goal.coverage.goal_percent = found.plan.goal_percent;
-        assert_eq!(plan(&snapshot, &of_goal, &options, &stop, &mut |_| {}).unwrap(), found.plan);
+        let options = PlanOptions {
+            iterations: Some(12),
+            goal_percent: Some(0.0),
+            matched_percent: Some(found.plan.matched_goal_percent),
+            ..PlanOptions::new(rig.clone(), Method::Refined, seed)
+        };
+        assert_eq!(plan(&snapshot, &settings, &options, &stop, &mut |_| {}).unwrap(), found.plan);
         assert_eq!(assess(&found.plan), found.quality);
         assert_eq!(completeness_percent(&found.quality) >= completeness_percent(&theirs), found.is_reached);
         reached += u32::from(found.is_reached);

@@ -4,8 +4,10 @@ mod support;
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use overfly::camera::Rig;
+use overfly::camera::{Rig, View};
+use overfly::coverage::SampleFrame;
 use overfly::planner::{Method, PlanError, PlanOptions, StopToken, plan};
+use overfly::search::Problem;
 use overfly::session::Snapshot;
 use overfly::settings::Settings;
 use overfly::trajectory::plan::{Plan, StopReason};
@@ -39,6 +41,53 @@ fn at_the_coverage_of_the_tree_the_refined_flight_takes_a_fraction_of_its_time()
         let ratio = refined.metrics.profile_s / tree.metrics.profile_s;
         assert!(ratio < 0.7, "{rig}: {ratio} of {:?}", tree.metrics);
         assert_eq!(refined.convergence.len(), 60);
+    }
+}
+
+/// What share of the surface that can be matched at all is in at least three views with a partner 5 to 45 degrees apart, by every pair of images.
+fn matched_percent(snapshot: &Snapshot, settings: &Settings, plan: &Plan, rig: &Rig) -> f64 {
+    let problem = Problem::new(snapshot, settings, rig.clone());
+    let views: Vec<_> = plan.images.iter().map(|image| (image.position_m, image.view())).collect();
+    let is_matched = |frame: &SampleFrame| {
+        let end = frame.position + frame.normal * snapshot.offset_m;
+        let sees = |(position, view): &&(_, Option<View>)| {
+            problem.disks.exact_mask(frame, position) != 0
+                && view.as_ref().is_none_or(|view| view.frames(&frame.position))
+                && !snapshot.free.clearance.occluded(position, &end)
+        };
+        let seen: Vec<_> = views.iter().filter(sees).map(|(position, _)| position - frame.position).collect();
+        let has_partner = |a: &&nalgebra::Vector3<f64>| seen.iter().any(|b| (5.0..=45.0).contains(&a.angle(b).to_degrees()));
+        seen.iter().filter(has_partner).count() >= 3
+    };
+    let matchable: Vec<_> = (problem.frames.iter().zip(&problem.matchable)).filter(|(_, matchable)| **matchable).collect();
+    let matched = matchable.iter().filter(|(frame, _)| is_matched(frame)).count();
+    100.0 * matched as f64 / matchable.len() as f64
+}
+
+#[test]
+fn the_wanted_share_of_the_surface_is_seen_in_three_views_that_match() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(6), &settings));
+    for (rig, goals) in [("phantom4-rtk", [30.0, 80.0]), ("m300-oblique", [60.0, 95.0])] {
+        let mut times_s = Vec::new();
+        for goal_percent in goals {
+            let options = PlanOptions { goal_percent: Some(0.0), matched_percent: Some(goal_percent), ..refined(rig, 40) };
+            let plan = flown(&snapshot, &settings, &options, &StopToken::default());
+            let metrics = &plan.metrics;
+            assert_eq!((plan.stop, plan.matched_goal_percent), (StopReason::GoalReached, goal_percent), "{rig}: {metrics:?}");
+            assert!(metrics.matched_percent > goal_percent, "{rig}: {metrics:?}");
+            // Angles are rounded to a hundredth of a degree: a sample or two may differ.
+            let really = matched_percent(&snapshot, &settings, &plan, &options.rig);
+            assert!((metrics.matched_percent - really).abs() < 0.5, "{rig}: {} and {really}", metrics.matched_percent);
+            times_s.push(metrics.profile_s);
+        }
+        assert!(times_s[0] < times_s[1], "{rig}: more takes longer: {times_s:?}");
+    }
+    let of_tree = PlanOptions { method: Method::Paper, matched_percent: Some(50.0), ..refined("panoramic", 10) };
+    assert_eq!(of_tree.check(), Err(PlanError::NoMatches { method: "paper" }));
+    for wrong in [-1.0, 100.5, f64::NAN] {
+        let options = PlanOptions { matched_percent: Some(wrong), ..refined("panoramic", 10) };
+        assert!(matches!(options.check(), Err(PlanError::Goal { .. })), "{wrong}");
     }
 }
 

@@ -60,6 +60,7 @@ fn the_keys_stand_in_the_documented_order() {
         "coverage_percent",
         "coverage_exposed_percent",
         "capturable_percent",
+        "matched_percent",
         "information",
         "objective",
     ];

@@ -232,8 +232,12 @@ pub struct OrderArgs {
     /// Coverage goal, percent of what the rig can capture at all [default: the setting coverage.goal_percent, 95]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = values::percent)]
     pub coverage: Option<f64>,
+    /// For `refined`: share of the surface, of what can be seen so at all, that is to be seen in at least three views that match (5 to 45
+    /// degrees of parallax), percent; 0 asks for none [default: the coverage goal]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = values::percent)]
+    pub matched: Option<f64>,
     /// For `refined`, in place of a goal: the most coverage within this flight time, s
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, conflicts_with = "coverage", value_parser = values::seconds)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, conflicts_with_all = ["coverage", "matched"], value_parser = values::seconds)]
     pub max_time: Option<f64>,
     /// Ground sampling distance that an image must have to count, m: nearer views are planned [default: whatever the range of the coverage
     /// model gives]

@@ -98,6 +98,7 @@ pub fn options(order: &OrderArgs, rig: &Rig) -> Result<PlanOptions, Failure> {
         iterations: order.iterations,
         budget_s: order.budget,
         goal_percent: order.coverage,
+        matched_percent: order.matched,
         within_s: order.max_time,
         gsd_m: order.gsd,
         region_m: order.region.clone().map(|region| region.0),

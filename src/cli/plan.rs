@@ -159,6 +159,7 @@ fn order_json(order: &OrderArgs, given: &GivenRig) -> Value {
         "iterations": order.iterations,
         "budget_s": order.budget,
         "goal_percent": order.coverage,
+        "matched_percent": order.matched,
         "within_s": order.max_time,
         "gsd_m": order.gsd,
         "region_m": order.region.as_ref().map(|region| &region.0),

@@ -53,10 +53,18 @@ fn below_goal(plan: &Plan, command: &str) -> Option<String> {
         "coverage hardly rose at the end, so smaller weights of turning and of efficiency come nearer (`objective.alpha_t`, `objective.eta` in the file of `--config`)"
             .to_owned()
     };
-    Some(format!(
-        "note: the plan captures {:.1} % of the capturable samples, the goal is {:.1} %; {advice}",
-        plan.metrics.coverage_percent, plan.goal_percent
-    ))
+    let metrics = &plan.metrics;
+    let mut note = format!(
+        "note: the plan captures {:.1} % of the capturable samples, the goal is {:.1} %; ",
+        metrics.coverage_percent, plan.goal_percent
+    );
+    if metrics.matched_percent < plan.matched_goal_percent {
+        note.push_str(&format!(
+            "it sees {:.1} % in views that match, the goal is {:.1} % (`--matched`); ",
+            metrics.matched_percent, plan.matched_goal_percent
+        ));
+    }
+    Some(note + &advice)
 }
 
 /// What no plan can capture, whatever its length, and what would bring it within reach.

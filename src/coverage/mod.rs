@@ -3,11 +3,13 @@
 mod disk;
 mod fine;
 mod hemisphere;
+mod matching;
 pub mod union;
 
 pub use disk::{DiskModel, SampleFrame};
 pub use fine::{FINE_CELLS, FineDisks, FineMask};
 pub use hemisphere::{CELLS, Mask, cell_direction};
+pub use matching::{Bearing, MatchedViews, Matching};
 pub use union::Observations;
 
 /// Information in whole units: covered cells times square millimetres of surface. Integers add up to the same sum in any order,

@@ -27,6 +27,7 @@ pub fn plan_options(order: &PlanOrder) -> Result<PlanOptions, Refusal> {
         iterations: order.iterations,
         budget_s: order.budget_s,
         goal_percent: order.goal_percent,
+        matched_percent: order.matched_percent,
         within_s: order.within_s,
         gsd_m: order.gsd_m,
         region_m: (!order.region_m.is_empty()).then(|| order.region_m.clone()),

@@ -106,6 +106,7 @@ struct MetricsEntry {
     coverage_percent: f64,
     coverage_exposed_percent: f64,
     capturable_percent: f64,
+    matched_percent: f64,
     information: f64,
     objective: f64,
 }
@@ -160,6 +161,7 @@ fn metrics_entry(plan: &Plan) -> MetricsEntry {
         coverage_percent: metrics.coverage_percent,
         coverage_exposed_percent: metrics.coverage_exposed_percent,
         capturable_percent: metrics.capturable_percent,
+        matched_percent: metrics.matched_percent,
         information: metrics.information,
         objective: metrics.objective,
     }

@@ -147,6 +147,8 @@ struct MetricsEntry {
     coverage_percent: f64,
     coverage_exposed_percent: f64,
     capturable_percent: f64,
+    #[serde(default)]
+    matched_percent: f64,
     information: f64,
     objective: f64,
     #[serde(default)]
@@ -197,6 +199,7 @@ impl PlanEntry {
             cells: Vec::new(),
             ceilings: Vec::new(),
             goal_percent: 0.0,
+            matched_goal_percent: 0.0,
             clearance_m: 0.0,
             convergence: Vec::new(),
             stop: StopReason::Complete,
@@ -280,6 +283,7 @@ impl MetricsEntry {
             coverage_percent: self.coverage_percent,
             coverage_exposed_percent: self.coverage_exposed_percent,
             capturable_percent: self.capturable_percent,
+            matched_percent: self.matched_percent,
             information: self.information,
             objective: self.objective,
             delayed_exposures: self.delayed_exposures,

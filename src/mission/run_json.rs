@@ -66,6 +66,7 @@ pub fn to_bytes(plan: &Plan, run: &Run) -> Vec<u8> {
         },
         stop: stop_name(plan.stop),
         goal_percent: plan.goal_percent,
+        matched_goal_percent: plan.matched_goal_percent,
         coverage_percent: plan.metrics.coverage_percent,
         clearance_m: plan.clearance_m,
         order: run.order.as_ref(),
@@ -103,6 +104,7 @@ struct RunEntry<'a> {
     times: TimesEntry,
     stop: &'static str,
     goal_percent: f64,
+    matched_goal_percent: f64,
     coverage_percent: f64,
     clearance_m: f64,
     #[serde(skip_serializing_if = "Option::is_none")]

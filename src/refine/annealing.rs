@@ -11,8 +11,9 @@ use rand_core::SeedableRng;
 use rayon::prelude::*;
 
 use super::Confirmed;
+use super::counts::Worth;
 use super::draft::Splice;
-use super::flight::{Demand, Flight};
+use super::flight::{Demand, Flight, Prices};
 use super::ground::Ground;
 use super::moves::{self, exponential};
 use crate::camera::Pose;
@@ -22,7 +23,7 @@ use crate::search::objective::PathSums;
 /// What is wanted: the least time at a coverage, or the most coverage within a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aim {
-    LeastTime { required: u32 },
+    LeastTime { required: Worth },
     MostCoverage { within_ns: u64 },
 }
 
@@ -30,7 +31,7 @@ impl Aim {
     /// Whether a finished flight is what was wanted.
     pub fn is_met_by(&self, really: &Confirmed) -> bool {
         match *self {
-            Self::LeastTime { required } => really.captured >= required,
+            Self::LeastTime { required } => really.worth.is_enough(required),
             Self::MostCoverage { within_ns } => really.duration_s * 1e9 <= within_ns as f64,
         }
     }
@@ -55,7 +56,7 @@ pub struct Annealing<'a> {
 #[derive(Clone, Debug)]
 pub struct Best {
     pub path: Vec<Pose>,
-    pub captured: u32,
+    pub worth: Worth,
     pub duration_ns: u64,
     record: Iteration,
 }
@@ -89,18 +90,19 @@ impl<'a> Annealing<'a> {
         let flight = Flight::new(ground, path);
         let (required, within_ns) = match aim {
             Aim::LeastTime { required } => (required, u64::MAX),
-            Aim::MostCoverage { within_ns } => (ground.capturable.len() as u32, within_ns),
+            Aim::MostCoverage { within_ns } => (flight.counts.most(), within_ns),
         };
-        let captured = flight.counts.totals().captured.max(1);
+        let price_ns =
+            (flight.duration_ns() as f64 / f64::from(flight.counts.worth().captured.max(1))).clamp(PRICES_NS.0, PRICES_NS.1);
         let settings = ground.settings;
         let demand = Demand {
             required,
-            price_ns: (flight.duration_ns() as f64 / f64::from(captured)).clamp(PRICES_NS.0, PRICES_NS.1),
+            prices_ns: Prices { captured: price_ns, matched: price_ns },
             surplus_share: settings.surplus_share,
-            cells_share: settings.cells_share,
+            parts_share: settings.parts_share,
         };
         let record = Iteration { objective: 0.0, coverage_percent: 0.0, length_m: 0.0, turning_s: 0.0 };
-        let best = Best { path: path.to_vec(), captured: 0, duration_ns: u64::MAX, record };
+        let best = Best { path: path.to_vec(), worth: Worth::default(), duration_ns: u64::MAX, record };
         let mut annealing = Self { ground, aim, within_ns, seed, flight, demand, best, rounds: 0, tried: 0 };
         annealing.keep_best();
         annealing
@@ -115,8 +117,14 @@ impl<'a> Annealing<'a> {
     pub fn calibrate(&mut self, really: &Confirmed) {
         match self.aim {
             Aim::LeastTime { required } => {
-                let demanded = (required + self.best.captured).saturating_sub(really.captured);
-                self.demand.required = demanded.clamp(1, self.flight.counts.countable().max(1));
+                let (most, seemingly) = (self.flight.counts.most(), self.best.worth);
+                let demanded = |required: u32, seemingly: u32, really: u32, most: u32| {
+                    if required == 0 { 0 } else { (required + seemingly).saturating_sub(really).clamp(1, most.max(1)) }
+                };
+                self.demand.required = Worth {
+                    captured: demanded(required.captured, seemingly.captured, really.worth.captured, most.captured),
+                    matched: demanded(required.matched, seemingly.matched, really.worth.matched, most.matched),
+                };
             }
             Aim::MostCoverage { within_ns } => {
                 // Arcs that had to be tighter take longer.
@@ -179,49 +187,57 @@ impl<'a> Annealing<'a> {
 
     /// A sample becomes dearer while samples are missing, and cheaper while there are enough; much cheaper while there are far too many.
     fn adjust_price(&mut self) {
-        let captured = self.flight.counts.totals().captured;
-        let (is_short, is_lavish) = match self.aim {
-            Aim::LeastTime { .. } => {
-                let surplus = captured.saturating_sub(self.demand.required);
-                (captured < self.demand.required, f64::from(surplus) > LAVISH_SHARE * f64::from(self.flight.counts.countable()))
-            }
-            Aim::MostCoverage { .. } => (self.flight.duration_ns() < self.within_ns, false),
-        };
+        let (worth, required, most) = (self.flight.counts.worth(), self.demand.required, self.flight.counts.most());
+        let is_early = self.flight.duration_ns() < self.within_ns;
         let settings = self.ground.settings;
-        let factor = match (is_short, is_lavish) {
-            (true, _) => settings.price_rise,
-            (false, false) => settings.price_fall,
-            (false, true) => settings.price_fall * settings.price_fall * settings.price_fall,
+        let adjusted = |price_ns: f64, worth: u32, required: u32, most: u32| {
+            let (is_short, is_lavish) = match self.aim {
+                Aim::LeastTime { .. } => {
+                    (worth < required, f64::from(worth.saturating_sub(required)) > LAVISH_SHARE * f64::from(most))
+                }
+                Aim::MostCoverage { .. } => (is_early, false),
+            };
+            let factor = match (is_short, is_lavish) {
+                (true, _) => settings.price_rise,
+                (false, false) => settings.price_fall,
+                (false, true) => settings.price_fall * settings.price_fall * settings.price_fall,
+            };
+            (price_ns * factor).clamp(PRICES_NS.0, PRICES_NS.1)
         };
-        self.demand.price_ns = (self.demand.price_ns * factor).clamp(PRICES_NS.0, PRICES_NS.1);
+        let Prices { captured, matched } = self.demand.prices_ns;
+        self.demand.prices_ns = Prices {
+            captured: adjusted(captured, worth.captured, required.captured, most.captured),
+            matched: adjusted(matched, worth.matched, required.matched, most.matched),
+        };
     }
 
     fn keep_best(&mut self) {
-        let (captured, duration_ns) = (self.flight.counts.totals().captured, self.flight.duration_ns());
+        let (worth, duration_ns) = (self.flight.counts.worth(), self.flight.duration_ns());
         let best = &self.best;
         let is_better = match self.aim {
             Aim::LeastTime { .. } => {
                 let required = self.demand.required;
-                (captured.min(required), best.duration_ns) > (best.captured.min(required), duration_ns)
+                (worth.counted(required).sum(), best.duration_ns) > (best.worth.counted(required).sum(), duration_ns)
             }
             Aim::MostCoverage { .. } => {
                 let excess_ns = |duration_ns: u64| duration_ns.saturating_sub(self.within_ns);
-                (excess_ns(best.duration_ns), captured, best.duration_ns) > (excess_ns(duration_ns), best.captured, duration_ns)
+                (excess_ns(best.duration_ns), worth.sum(), best.duration_ns)
+                    > (excess_ns(duration_ns), best.worth.sum(), duration_ns)
             }
         };
         if is_better {
             let path = self.flight.path();
             let problem = self.ground.problem;
-            let cells = |i: &u32| u64::from(self.flight.counts.cells(*i as usize)) * problem.areas_mm2[*i as usize];
+            let cells = |i: &u32| u64::from(self.flight.counts.cells.cells(*i as usize)) * problem.areas_mm2[*i as usize];
             let information = self.ground.capturable.iter().map(cells).sum();
             let sums = PathSums { information, ..problem.objective.travel(&path) };
             let record = Iteration {
                 objective: problem.objective.value(&sums),
-                coverage_percent: problem.coverage_percent(captured),
+                coverage_percent: problem.coverage_percent(worth.captured),
                 length_m: sums.length_m,
                 turning_s: sums.turning_s,
             };
-            self.best = Best { path, captured, duration_ns, record };
+            self.best = Best { path, worth, duration_ns, record };
         }
     }
 }

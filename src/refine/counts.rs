@@ -1,181 +1,69 @@
-//! How often each hemisphere cell of each sample is covered, so that views can be taken away again.
+//! What the images of a flight are worth: the samples that they capture (r > h), and those that they show in enough matched views.
 
-use multiversion::multiversion;
-
+use super::cells::CellCounts;
+use super::matches::MatchCounts;
 use super::sights::Sights;
-use crate::coverage::Mask;
 
-/// Counters of all cells of all samples with what they add up to.
+/// Both measures, kept up to date view by view.
 #[derive(Clone, Debug)]
-pub struct CellCounts {
-    samples: Vec<SampleCounts>,
-    /// Cells that a sample must exceed; no number of cells exceeds that of a sample that does not count.
-    thresholds: Vec<u32>,
-    totals: Totals,
-    /// Samples that count, and the cells that all of them need.
-    countable: u32,
-    wanted_cells: u32,
-    images: usize,
+pub struct Counts {
+    pub cells: CellCounts,
+    pub matches: MatchCounts,
 }
 
-/// What a set of views is worth.
+/// Samples by both measures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Totals {
-    /// Samples above their thresholds.
+pub struct Worth {
+    /// Samples whose covered share of the hemisphere exceeds the threshold.
     pub captured: u32,
-    /// Covered cells of the samples that count, up to one more than their thresholds.
-    pub cells: u32,
+    /// Samples with enough matched views.
+    pub matched: u32,
 }
 
-/// The counters of one sample, bit-sliced: bit c of plane k is bit k of the number of views that cover cell c. Adding a view ripples a
-/// carry through the planes and touches two of them on average, however many cells its disk has.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(align(64))]
-struct SampleCounts {
-    covered: Mask,
-    /// Planes that ever were in use.
-    used: usize,
-    planes: [Mask; PLANES],
-}
-
-/// A cell counts up to 2^14 - 1 views.
-const PLANES: usize = 14;
-
-/// Images that the counters can hold.
-const MOST_IMAGES: usize = (1 << PLANES) - 1;
-
-impl CellCounts {
-    /// `thresholds` in cells, by sample.
-    pub fn new(thresholds: Vec<u32>) -> Self {
-        let samples = vec![SampleCounts::default(); thresholds.len()];
-        let wanted = |threshold: &u32| counted(Mask::BITS, *threshold);
-        let countable = thresholds.iter().filter(|threshold| wanted(threshold) > 0).count() as u32;
-        let wanted_cells = thresholds.iter().map(wanted).sum();
-        Self { samples, thresholds, totals: Totals::default(), countable, wanted_cells, images: 0 }
+impl Counts {
+    pub fn worth(&self) -> Worth {
+        Worth { captured: self.cells.totals().captured, matched: self.matches.matched() }
     }
 
-    /// Samples that count.
-    pub fn countable(&self) -> u32 {
-        self.countable
+    /// The most that any flight is worth.
+    pub fn most(&self) -> Worth {
+        Worth { captured: self.cells.countable(), matched: self.matches.countable() }
     }
 
-    /// The cells that are missing, counted in samples that miss all of theirs.
-    pub fn missing_samples(&self) -> f64 {
-        let of_sample = f64::from(self.wanted_cells) / f64::from(self.countable.max(1));
-        f64::from(self.wanted_cells - self.totals.cells) / of_sample.max(1.0)
-    }
-
-    pub fn totals(&self) -> Totals {
-        self.totals
-    }
-
-    /// Covered cells of a sample.
-    pub fn cells(&self, sample: usize) -> u32 {
-        self.samples[sample].covered.count_ones()
-    }
-
-    pub fn is_captured(&self, sample: usize) -> bool {
-        self.cells(sample) > self.thresholds[sample]
+    /// Whether a sample lacks what it could have.
+    pub fn is_missing(&self, sample: usize) -> bool {
+        self.cells.is_missing(sample) || self.matches.is_missing(sample)
     }
 
     /// Whether the counters cannot hold so many images more.
     pub fn is_full(&self, more: usize) -> bool {
-        self.images + more > MOST_IMAGES
+        self.cells.is_full(more)
     }
 
     /// Adds what images see.
     pub fn add(&mut self, seen: &Sights) {
-        self.images += seen.images();
-        add_kernel(&mut self.samples, &self.thresholds, &mut self.totals, seen);
+        self.cells.add(seen);
+        self.matches.add(seen);
     }
 
     /// Takes away what was added before.
     pub fn remove(&mut self, seen: &Sights) {
-        self.images -= seen.images();
-        remove_kernel(&mut self.samples, &self.thresholds, &mut self.totals, seen);
+        self.cells.remove(seen);
+        self.matches.remove(seen);
     }
 }
 
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+popcnt", "x86_64+popcnt", "aarch64+neon"))]
-fn add_kernel(samples: &mut [SampleCounts], thresholds: &[u32], totals: &mut Totals, seen: &Sights) {
-    for (i, mask) in seen.iter() {
-        let counts = &mut samples[i];
-        let (mut carry, mut k) = (mask, 0);
-        while carry != 0 {
-            let both = counts.planes[k] & carry;
-            counts.planes[k] ^= carry;
-            carry = both;
-            k += 1;
-        }
-        counts.used = counts.used.max(k);
-        let before = counts.covered;
-        counts.covered |= mask;
-        if counts.covered != before {
-            totals.change(before, counts.covered, thresholds[i]);
-        }
+impl Worth {
+    /// What counts of it where no more than `required` is wanted.
+    pub fn counted(self, required: Worth) -> Worth {
+        Worth { captured: self.captured.min(required.captured), matched: self.matched.min(required.matched) }
     }
-}
 
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+popcnt", "x86_64+popcnt", "aarch64+neon"))]
-fn remove_kernel(samples: &mut [SampleCounts], thresholds: &[u32], totals: &mut Totals, seen: &Sights) {
-    for (i, mask) in seen.iter() {
-        let counts = &mut samples[i];
-        let (mut borrow, mut k) = (mask, 0);
-        while borrow != 0 {
-            let missing = !counts.planes[k] & borrow;
-            counts.planes[k] ^= borrow;
-            borrow = missing;
-            k += 1;
-        }
-        let before = counts.covered;
-        counts.covered = counts.planes[..counts.used].iter().fold(0, |covered, plane| covered | plane);
-        if counts.covered != before {
-            totals.change(before, counts.covered, thresholds[i]);
-        }
+    pub fn is_enough(self, required: Worth) -> bool {
+        self.counted(required) == required
     }
-}
 
-impl Totals {
-    #[inline(always)]
-    fn change(&mut self, before: Mask, after: Mask, threshold: u32) {
-        let (before, after) = (before.count_ones(), after.count_ones());
-        self.captured = self.captured + u32::from(after > threshold) - u32::from(before > threshold);
-        self.cells = self.cells + counted(after, threshold) - counted(before, threshold);
-    }
-}
-
-/// Cells up to one more than the threshold; none of a sample that no number of cells captures.
-#[inline(always)]
-fn counted(cells: u32, threshold: u32) -> u32 {
-    if threshold >= Mask::BITS { 0 } else { cells.min(threshold + 1) }
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-
-    proptest! {
-        #[test]
-        fn counters_agree_with_a_recount_after_any_additions_and_removals(
-            views in proptest::collection::vec(proptest::collection::vec((0u32..6, any::<u128>()), 0..8), 1..40),
-            leaves in proptest::collection::vec(any::<bool>(), 40),
-            thresholds in proptest::collection::vec(0u32..=128, 6),
-        ) {
-            let views: Vec<Sights> = views.into_iter().map(|pairs| pairs.into_iter().collect()).collect();
-            let mut counts = CellCounts::new(thresholds.clone());
-            views.iter().for_each(|seen| counts.add(seen));
-            views.iter().zip(&leaves).filter(|(_, leaves)| **leaves).for_each(|(seen, _)| counts.remove(seen));
-            let mut covered = [0u128; 6];
-            for (seen, _) in views.iter().zip(&leaves).filter(|(_, leaves)| !**leaves) {
-                seen.iter().for_each(|(i, mask)| covered[i] |= mask);
-            }
-            let cells: Vec<u32> = covered.iter().map(|mask| mask.count_ones()).collect();
-            prop_assert_eq!((0..6).map(|i| counts.cells(i)).collect::<Vec<_>>(), cells.clone());
-            let captured = cells.iter().zip(&thresholds).filter(|(cells, threshold)| cells > threshold).count() as u32;
-            let worth = cells.iter().zip(&thresholds).filter(|(_, t)| **t < 128).map(|(cells, t)| (*cells).min(t + 1)).sum();
-            prop_assert_eq!(counts.totals(), Totals { captured, cells: worth });
-        }
+    pub fn sum(self) -> u32 {
+        self.captured + self.matched
     }
 }

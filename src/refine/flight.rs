@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::counts::CellCounts;
+use super::counts::{Counts, Worth};
 use super::draft::{Draft, Splice, Stop};
 use super::ground::{Ground, Look};
 use super::sights::Sights;
@@ -13,7 +13,7 @@ use crate::camera::Pose;
 #[derive(Clone, Debug)]
 pub struct Flight {
     pub waypoints: Vec<Waypoint>,
-    pub counts: CellCounts,
+    pub counts: Counts,
     timeline: Timeline,
     retimed: Retimed,
 }
@@ -29,13 +29,20 @@ pub struct Waypoint {
 /// What is wanted of a flight, and what it costs to fall short of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Demand {
-    /// Samples that are to be captured.
-    pub required: u32,
-    /// What a missing sample costs, ns.
-    pub price_ns: f64,
-    /// What a sample beyond those is worth, and what all cells of a sample are, as shares of the price.
+    /// Samples that are to be captured, and those that are to be matched.
+    pub required: Worth,
+    /// What a missing sample of either kind costs, ns.
+    pub prices_ns: Prices,
+    /// What a sample beyond those is worth, and what all cells or views of a sample are, as shares of the price.
     pub surplus_share: f64,
-    pub cells_share: f64,
+    pub parts_share: f64,
+}
+
+/// What a sample is worth that is captured, and one that is matched, ns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prices {
+    pub captured: f64,
+    pub matched: f64,
 }
 
 impl Flight {
@@ -113,19 +120,25 @@ impl Flight {
 }
 
 impl Demand {
-    /// What is missing costs, ns. A cell is worth its share of a sample, so that half a sample draws towards the whole one.
-    pub fn shortfall_ns(&self, counts: &CellCounts) -> f64 {
-        let totals = counts.totals();
-        self.price_ns * (self.missing(totals.captured) + self.cells_share * counts.missing_samples())
+    /// What is missing costs, ns. A cell is worth its share of a sample, so that half a sample draws towards the whole one; so is a view.
+    pub fn shortfall_ns(&self, counts: &Counts) -> f64 {
+        let parts = [counts.cells.missing_samples(), counts.matches.missing_samples()].map(|missing| self.parts_share * missing);
+        self.cost_ns(counts.worth(), parts)
     }
 
     /// The least that any flight could have.
-    fn least_shortfall_ns(&self, counts: &CellCounts) -> f64 {
-        self.price_ns * self.missing(counts.countable())
+    fn least_shortfall_ns(&self, counts: &Counts) -> f64 {
+        self.cost_ns(counts.most(), [0.0; 2])
     }
 
-    fn missing(&self, captured: u32) -> f64 {
-        let missing = f64::from(self.required) - f64::from(captured);
+    fn cost_ns(&self, worth: Worth, [cells, views]: [f64; 2]) -> f64 {
+        let Self { required, prices_ns, .. } = self;
+        prices_ns.captured * (self.missing(required.captured, worth.captured) + cells)
+            + prices_ns.matched * (self.missing(required.matched, worth.matched) + views)
+    }
+
+    fn missing(&self, required: u32, there: u32) -> f64 {
+        let missing = f64::from(required) - f64::from(there);
         if missing < 0.0 { missing * self.surplus_share } else { missing }
     }
 }

@@ -4,9 +4,12 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use super::counts::CellCounts;
+use super::cells::CellCounts;
+use super::counts::Counts;
+use super::matches::MatchCounts;
 use super::sights::Sights;
 use crate::camera::{Cameras, Pose, Targets};
+use crate::coverage::{Bearing, Matching};
 use crate::search::Problem;
 use crate::search::leg::{heading, image_poses};
 use crate::settings::{RefineSettings, Settings};
@@ -23,14 +26,19 @@ pub struct Ground<'a> {
     pub is_start_fixed: bool,
     /// Samples that can be captured.
     pub capturable: Vec<u32>,
-    /// Capturable samples in each row of the field.
+    /// Those and the ones that are to be matched.
+    pub wanted: Vec<u32>,
+    /// Wanted samples in each row of the field.
     rows: Vec<Row>,
+    /// By sample: whether its matched views count.
+    is_matching: Arc<[bool]>,
+    matching: Matching,
     /// Viewpoints of the field that see each sample.
     pub seers: Vec<Vec<u32>>,
     pub nothing: Arc<Sights>,
 }
 
-/// The capturable samples of a row of the field, with their positions.
+/// The wanted samples of a row of the field, with their positions.
 #[derive(Clone, Debug, Default)]
 struct Row {
     samples: Vec<u32>,
@@ -47,11 +55,14 @@ pub enum Look {
 }
 
 impl<'a> Ground<'a> {
-    pub fn new(problem: &'a Problem<'a>, settings: &'a Settings, is_start_fixed: bool) -> Self {
+    /// `is_matching` says whether matched views are wanted too.
+    pub fn new(problem: &'a Problem<'a>, settings: &'a Settings, is_start_fixed: bool, is_matching: bool) -> Self {
+        let is_matching: Arc<[bool]> = problem.matchable.iter().map(|matchable| is_matching && *matchable).collect();
+        let is_wanted = |i: usize| problem.is_capturable(i) || is_matching[i];
         let mut seers = vec![Vec::new(); problem.frames.len()];
         let mut rows = vec![Row::default(); problem.field.viewpoints.len()];
         for (j, row) in rows.iter_mut().enumerate() {
-            for i in problem.capturable_seen_from(j) {
+            for i in problem.seen_from(j).filter(|&i| is_wanted(i)) {
                 seers[i].push(j as u32);
                 row.samples.push(i as u32);
                 row.targets.push(&problem.frames[i].position);
@@ -64,7 +75,10 @@ impl<'a> Ground<'a> {
             is_rigid: matches!(problem.rig.cameras, Cameras::Rigid(_)),
             is_start_fixed,
             capturable: (0..problem.frames.len() as u32).filter(|&i| problem.is_capturable(i as usize)).collect(),
+            wanted: (0..problem.frames.len() as u32).filter(|&i| is_wanted(i as usize)).collect(),
             rows,
+            is_matching,
+            matching: Matching::within(&settings.quality, settings.refine.margin_parallax_deg),
             seers,
             nothing: Arc::new(Sights::default()),
         }
@@ -72,12 +86,15 @@ impl<'a> Ground<'a> {
 
     /// Empty counters. A sample has to exceed the threshold of the problem by a margin, as far as it can: an image that is taken half a
     /// metre away, on the arc of a corner or in a gust, must not lose it.
-    pub fn counts(&self) -> CellCounts {
+    pub fn counts(&self) -> Counts {
         let raised = |(&threshold, &ceiling): (&u32, &u16)| match u32::from(ceiling).checked_sub(threshold + 1) {
             Some(most) => threshold + self.settings.margin_cells.min(most),
             None => threshold,
         };
-        CellCounts::new(self.problem.thresholds.iter().zip(&self.problem.ceilings).map(raised).collect())
+        Counts {
+            cells: CellCounts::new(self.problem.thresholds.iter().zip(&self.problem.ceilings).map(raised).collect()),
+            matches: MatchCounts::new(self.matching, Arc::clone(&self.is_matching)),
+        }
     }
 
     /// What the image at a waypoint sees. Bolted cameras look there as the nose does in the middle of its turn, which depends on the next
@@ -119,7 +136,7 @@ impl<'a> Ground<'a> {
                 Look::Rays => 0,
             };
             if mask != 0 {
-                sights.push(sample, mask);
+                sights.push(sample, mask, Bearing::new(&frame.position, &pose.position));
             }
         }
     }

@@ -5,10 +5,12 @@
 //! comes from the field while a change is judged and from rays before it is made, so that the search cannot profit from the field's errors.
 
 mod annealing;
+mod cells;
 mod counts;
 mod draft;
 mod flight;
 mod ground;
+mod matches;
 mod moves;
 mod sights;
 #[cfg(test)]
@@ -16,6 +18,7 @@ mod tests;
 mod timeline;
 
 pub use annealing::{Aim, Annealing, Best};
+pub use counts::Worth;
 pub use ground::Ground;
 
 use crate::camera::Pose;
@@ -43,8 +46,8 @@ pub enum Budget {
 /// What a finished flight is really worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Confirmed {
-    /// Capturable samples that its images capture.
-    pub captured: u32,
+    /// What its images capture and match.
+    pub worth: Worth,
     pub duration_s: f64,
 }
 

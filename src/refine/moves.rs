@@ -345,15 +345,13 @@ impl Proposal<'_> {
         nearest.map(|(_, k)| k)
     }
 
-    /// A sample that is not captured although it can be.
+    /// A sample that is not captured, or not matched, although it can be.
     fn missing_sample(&mut self) -> Option<usize> {
-        let capturable = &self.ground.capturable;
-        if capturable.is_empty() {
+        let (wanted, counts) = (&self.ground.wanted, &self.flight.counts);
+        if wanted.is_empty() {
             return None;
         }
-        (0..MISSING_TRIES)
-            .map(|_| capturable[below(self.random, capturable.len())] as usize)
-            .find(|&i| !self.flight.counts.is_captured(i))
+        (0..MISSING_TRIES).map(|_| wanted[below(self.random, wanted.len())] as usize).find(|&i| counts.is_missing(i))
     }
 
     /// A place that the field shows a missing sample from, and a view towards it.

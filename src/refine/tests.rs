@@ -6,8 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
 
 use super::annealing::{Aim, Annealing, Sector};
+use super::counts::Worth;
 use super::draft::Splice;
-use super::flight::{Demand, Flight};
+use super::flight::{Demand, Flight, Prices};
 use super::ground::Ground;
 use super::moves;
 use crate::camera::{Pose, Rig};
@@ -37,7 +38,7 @@ fn for_every_rig(check: impl Fn(&Ground, &[Pose], &Settings, &Snapshot)) {
     let (snapshot, settings) = small_block();
     for name in Rig::PRESETS {
         let problem = Problem::new(&snapshot, &settings, Rig::preset(name).expect("a preset"));
-        let ground = Ground::new(&problem, &settings, false);
+        let ground = Ground::new(&problem, &settings, false, true);
         let positions: Vec<_> = problem.field.viewpoints.iter().map(|row| row.position_m.into()).collect();
         let start = positions[0];
         let next = *positions.iter().find(|next| problem.can_fly(&start, next)).expect("some leg is free");
@@ -48,13 +49,19 @@ fn for_every_rig(check: impl Fn(&Ground, &[Pose], &Settings, &Snapshot)) {
 
 /// A demand under which changes of all kinds are made.
 fn demand(ground: &Ground) -> Demand {
-    Demand { required: ground.problem.sufficient, price_ns: 2e9, surplus_share: 0.3, cells_share: 1.0 }
+    let prices_ns = Prices { captured: 2e9, matched: 1e9 };
+    Demand { required: required(ground), prices_ns, surplus_share: 0.3, parts_share: 1.0 }
+}
+
+fn required(ground: &Ground) -> Worth {
+    Worth { captured: ground.problem.sufficient, matched: ground.problem.enough_matched(95.0) }
 }
 
 /// What both flights say of themselves.
-fn figures(flight: &Flight, ground: &Ground) -> (u64, u32, Vec<u32>) {
-    let cells = ground.capturable.iter().map(|&i| flight.counts.cells(i as usize)).collect();
-    (flight.duration_ns(), flight.counts.totals().captured, cells)
+fn figures(flight: &Flight, ground: &Ground) -> (u64, Worth, Vec<u32>, Vec<bool>) {
+    let cells = ground.wanted.iter().map(|&i| flight.counts.cells.cells(i as usize)).collect();
+    let missing = ground.wanted.iter().map(|&i| flight.counts.is_missing(i as usize)).collect();
+    (flight.duration_ns(), flight.counts.worth(), cells, missing)
 }
 
 #[test]
@@ -89,14 +96,14 @@ fn a_flight_changed_step_by_step_is_the_one_made_anew() {
 fn no_image_is_counted_for_more_than_it_really_sees() {
     for_every_rig(|ground, path, _, snapshot| {
         let problem = ground.problem;
-        let mut annealing = Annealing::new(ground, path, Aim::LeastTime { required: problem.sufficient }, 3);
+        let mut annealing = Annealing::new(ground, path, Aim::LeastTime { required: required(ground) }, 3);
         (0..12).for_each(|_| annealing.round(1e9));
         let path = annealing.best().path.clone();
         let flight = Flight::new(ground, &path);
         let poses: Vec<Pose> = (path.iter().take(1).copied())
             .chain(path.windows(2).flat_map(|ends| image_poses(&problem.rig, &ends[0], &ends[1], problem.image_spacing_m)))
             .collect();
-        for &i in &ground.capturable {
+        for &i in &ground.wanted {
             let frame = &problem.frames[i as usize];
             let end = frame.position + frame.normal * snapshot.offset_m;
             let sees = |pose: &&Pose| {
@@ -106,9 +113,17 @@ fn no_image_is_counted_for_more_than_it_really_sees() {
             };
             let really: Mask =
                 poses.iter().filter(sees).fold(0, |mask, pose| mask | problem.disks.exact_mask(frame, &pose.position));
-            assert!(flight.counts.cells(i as usize) <= really.count_ones(), "sample {i} with {}", problem.rig.name);
+            assert!(flight.counts.cells.cells(i as usize) <= really.count_ones(), "sample {i} with {}", problem.rig.name);
+            // Every pair anew, by the angle itself.
+            let views: Vec<_> = poses.iter().filter(sees).filter(|pose| problem.disks.faces(frame, &pose.position)).collect();
+            let angle_deg = |a: &Pose, b: &Pose| (a.position - frame.position).angle(&(b.position - frame.position)).to_degrees();
+            let is_matched = |a: &&&Pose| views.iter().any(|b| (4.99..=45.01).contains(&angle_deg(a, b)));
+            let matched = views.iter().filter(is_matched).count() as u32;
+            let is_counted = problem.matchable[i as usize] && !flight.counts.matches.is_missing(i as usize);
+            assert!(!is_counted || matched >= problem.matching.least_views, "sample {i} with {}: {matched}", problem.rig.name);
         }
-        assert!(annealing.best().captured > 0 && path.len() > 2, "{} with {}", annealing.best().captured, problem.rig.name);
+        let worth = annealing.best().worth;
+        assert!(worth.captured > 0 && worth.matched > 0 && path.len() > 2, "{worth:?} with {}", problem.rig.name);
     });
 }
 
@@ -116,8 +131,8 @@ fn no_image_is_counted_for_more_than_it_really_sees() {
 fn every_waypoint_and_leg_keeps_the_limits_and_a_fixed_start_stays() {
     for_every_rig(|free_ground, path, settings, _| {
         let problem = free_ground.problem;
-        let ground = Ground::new(problem, settings, true);
-        let mut annealing = Annealing::new(&ground, path, Aim::LeastTime { required: problem.sufficient }, 4);
+        let ground = Ground::new(problem, settings, true, true);
+        let mut annealing = Annealing::new(&ground, path, Aim::LeastTime { required: required(&ground) }, 4);
         (0..12).for_each(|_| annealing.round(1e9));
         let refined = &annealing.best().path;
         assert_eq!(refined[0].position, path[0].position);

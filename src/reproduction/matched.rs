@@ -84,26 +84,30 @@ pub fn match_completeness(
 const GOALS: usize = 4;
 
 /// Percent of Completeness for each percent of the goal, where only one side is known; measured on the block and on delfshaven.
-const SLOPE: f64 = 0.5;
+const SLOPE: f64 = 0.8;
 
 /// The goal that is aimed at lies by so much Completeness beyond the wanted one, percent.
 const BEYOND_PERCENT: f64 = 0.3;
 
 /// Goals that make sense, percent.
 const LEAST_GOAL_PERCENT: f64 = 2.0;
-const MOST_GOAL_PERCENT: f64 = 99.5;
+const MOST_GOAL_PERCENT: f64 = 99.95;
 
-/// The refined flight of the lowest time whose Completeness is no lower than theirs, of a few that differ in their goal; when none is
-/// enough, the one that reconstructs most.
+/// The refined flight of the lowest time whose Completeness is no lower than theirs, of a few that differ in their goal for matched views, which
+/// is what Completeness asks for; the covered hemisphere has none. When none is enough, the one that reconstructs most.
 pub fn match_goal(rival: &Rival, rounds: u32, seed: u64, theirs: &Quality, stop: &StopToken) -> Result<Matched, PlanError> {
     let wanted_percent = completeness_percent(theirs);
-    let mut settings = rival.settings.clone();
     let mut found: Vec<Matched> = Vec::new();
     for _ in 0..GOALS {
-        let tried: Vec<[f64; 2]> = found.iter().map(|one| [one.plan.goal_percent, completeness_percent(&one.quality)]).collect();
-        settings.coverage.goal_percent = next_goal_percent(&tried, wanted_percent);
-        let options = PlanOptions { iterations: Some(rounds), ..PlanOptions::new(rival.rig.clone(), Method::Refined, seed) };
-        found.push(matched(rival, &settings, &options, wanted_percent, stop)?);
+        let tried: Vec<[f64; 2]> =
+            found.iter().map(|one| [one.plan.matched_goal_percent, completeness_percent(&one.quality)]).collect();
+        let options = PlanOptions {
+            iterations: Some(rounds),
+            goal_percent: Some(0.0),
+            matched_percent: Some(next_goal_percent(&tried, wanted_percent)),
+            ..PlanOptions::new(rival.rig.clone(), Method::Refined, seed)
+        };
+        found.push(matched(rival, rival.settings, &options, wanted_percent, stop)?);
     }
     let time_s = |one: &Matched| one.plan.metrics.profile_s;
     let order = |a: &Matched, b: &Matched| match (a.is_reached, b.is_reached) {
@@ -123,7 +127,7 @@ fn next_goal_percent(tried: &[[f64; 2]], wanted_percent: f64) -> f64 {
     let above = tried.iter().filter(is_enough).min_by(|a, b| a[0].total_cmp(&b[0]));
     let below = tried.iter().filter(|point| !is_enough(point)).max_by(|a, b| a[0].total_cmp(&b[0]));
     let goal_percent = match (below, above) {
-        (None, None) => wanted_percent - 8.0,
+        (None, None) => wanted_percent + 1.5,
         (Some(one), None) | (None, Some(one)) => {
             let step = (target - one[1]) / SLOPE;
             one[0] + if one[1] >= wanted_percent { step.min(-1.0) } else { step.max(1.0) }

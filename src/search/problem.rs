@@ -11,7 +11,7 @@ use super::leg::{angle_rad, image_count, image_poses};
 use super::objective::Objective;
 use crate::camera::{Pose, Rig, View};
 use crate::coverage::union::{self, Gained, Observations};
-use crate::coverage::{CELLS, DiskModel, Information, Mask, SampleFrame};
+use crate::coverage::{Bearing, CELLS, DiskModel, Information, Mask, MatchedViews, Matching, SampleFrame};
 use crate::field::Lookup;
 use crate::field::Snapshot;
 use crate::scene::free_space::FreeSpace;
@@ -51,6 +51,10 @@ pub struct Problem<'a> {
     pub sufficient: u32,
     /// Cells of each sample that the rig's views from all viewpoints together cover.
     pub ceilings: Vec<u16>,
+    /// By sample: whether the rig's views from all viewpoints together give it enough matched views.
+    pub matchable: Vec<bool>,
+    /// Which views match, and how many a sample needs.
+    pub matching: Matching,
     pub areas_mm2: Vec<u64>,
     /// Cells that a capturable sample must exceed; all cells for one that cannot be captured.
     pub thresholds: Vec<u32>,
@@ -100,9 +104,13 @@ impl<'a> Problem<'a> {
             _ => Arc::clone(&snapshot.disks),
         };
         let mut ceilings = ceilings(&field, &rig, &frames, &disks, disks.range_m() < snapshot.disks.range_m());
+        let matching = Matching::new(&settings.quality);
+        let mut matchable = matchable(&field, &rig, &frames, &disks, &matching);
         if let Some(region) = &wanted.region {
             let is_outside = |frame: &SampleFrame| !region.intersects(&Coord { x: frame.position.x, y: frame.position.y });
-            ceilings.iter_mut().zip(&frames).filter(|(_, frame)| is_outside(frame)).for_each(|(cells, _)| *cells = 0);
+            for (i, _) in frames.iter().enumerate().filter(|(_, frame)| is_outside(frame)) {
+                (ceilings[i], matchable[i]) = (0, false);
+            }
         }
         let is_capturable = |cells: &&u16| u32::from(**cells) > threshold;
         let capturable = ceilings.iter().filter(is_capturable).count() as u32;
@@ -128,6 +136,8 @@ impl<'a> Problem<'a> {
             thresholds: ceilings.iter().map(|cells| if is_capturable(&cells) { threshold } else { CELLS as u32 }).collect(),
             frames,
             ceilings,
+            matchable,
+            matching,
             field,
         }
     }
@@ -190,9 +200,9 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The capturable samples in the field's row of viewpoint `j`, in ascending order.
-    pub fn capturable_seen_from(&self, j: usize) -> impl Iterator<Item = usize> + '_ {
-        seen_in(self.field.row(j)).filter(|&i| self.is_capturable(i))
+    /// The samples in the field's row of viewpoint `j`, in ascending order.
+    pub fn seen_from(&self, j: usize) -> impl Iterator<Item = usize> + '_ {
+        seen_in(self.field.row(j))
     }
 
     /// The viewpoint whose row of the field answers for a position: the nearest one in sight.
@@ -228,6 +238,13 @@ impl<'a> Problem<'a> {
     pub fn most_nodes(&self) -> usize {
         let node_bytes = self.field.samples.len() * size_of::<Mask>();
         (self.settings.memory_mb as usize * 1_000_000 / node_bytes.max(1)).max(2)
+    }
+
+    /// Samples that have to be matched for such a share of those that can be: more than `goal_percent` of them, or none for 0.
+    pub fn enough_matched(&self, goal_percent: f64) -> u32 {
+        let matchable = self.matchable.iter().filter(|matchable| **matchable).count() as u32;
+        let enough = (f64::from(matchable) * goal_percent / 100.0).floor() as u32 + 1;
+        if goal_percent > 0.0 { enough.min(matchable) } else { 0 }
     }
 
     /// Share of the capturable samples, percent.
@@ -295,6 +312,29 @@ fn ceilings(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskM
     });
     union.into_iter().map(|mask| mask.count_ones() as u16).collect()
 }
+
+/// Which samples the rig's views from the viewpoints give enough matched views.
+fn matchable(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskModel, matching: &Matching) -> Vec<bool> {
+    let directions = rig.pose_directions();
+    let mut samples = vec![MatchedViews::default(); frames.len()];
+    for j in 0..field.viewpoints.len() {
+        let position = Point3::from(field.viewpoints[j].position_m);
+        let views: Vec<View> =
+            directions.iter().filter_map(|&direction| rig.frusta(&Pose { position, direction })).flatten().collect();
+        for i in seen_in(field.row(j)) {
+            let (views_of, frame) = (&mut samples[i], &frames[i]);
+            let is_open = views_of.matched() < matching.least_views && views_of.len() < MOST_TRIED_VIEWS;
+            let is_seen = || (views.is_empty() || is_framed(Some(&views), &frame.position)) && disks.faces(frame, &position);
+            if is_open && is_seen() {
+                views_of.add(matching, Bearing::new(&frame.position, &position));
+            }
+        }
+    }
+    samples.iter().map(|views| views.matched() >= matching.least_views).collect()
+}
+
+/// A sample with so many views that do not match is given up.
+const MOST_TRIED_VIEWS: usize = 64;
 
 /// The most that any row of the field could gain: every sample in it under the largest disk.
 fn most_of_image(field: &FieldTable, disks: &DiskModel) -> Information {

@@ -5,14 +5,23 @@ use rayon::prelude::*;
 
 use super::plan::Image;
 use crate::camera::View;
-use crate::coverage::{DiskModel, Information, Mask, SampleFrame};
+use crate::coverage::{Bearing, DiskModel, Information, Mask, MatchedViews, SampleFrame};
 use crate::field::Snapshot;
 use crate::search::Problem;
 use crate::stop::StopToken;
 
-/// Which images see which samples: for each sample of the field the images that see it, in their order, and the cells of their disks.
+/// Which images see which samples: for each sample of the field the images that see it, in their order.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sightings(pub Vec<Vec<(u32, Mask)>>);
+pub struct Sightings(pub Vec<Vec<Sighting>>);
+
+/// How an image sees a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sighting {
+    pub image: u32,
+    /// The cells of its disk.
+    pub mask: Mask,
+    pub bearing: Bearing,
+}
 
 /// What a set of images captures.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +36,9 @@ pub struct Capture {
     pub coverage_exposed_percent: f64,
     /// Share of the exposed samples that can be captured at all, percent.
     pub capturable_percent: f64,
+    /// Samples with enough matched views of those that can have them, and their share, percent.
+    pub matched: u32,
+    pub matched_percent: f64,
 }
 
 /// Casts every line of sight between the images and the exposed samples, in parallel over samples. `None` when abandoned.
@@ -49,7 +61,7 @@ fn seen_by(
     images: &[Image],
     views: &[Option<View>],
     sample: &SampleFrame,
-) -> Vec<(u32, Mask)> {
+) -> Vec<Sighting> {
     let end: Point3<f64> = sample.position + sample.normal * snapshot.offset_m;
     let mask = |index: usize| {
         let position = &images[index].position_m;
@@ -58,14 +70,18 @@ fn seen_by(
             && !snapshot.free.clearance.occluded(position, &end);
         if sees { disks.exact_mask(sample, position) } else { 0 }
     };
-    (0..images.len()).map(|index| (index as u32, mask(index))).filter(|&(_, mask)| mask != 0).collect()
+    let sighting = |index: usize| Sighting {
+        image: index as u32,
+        mask: mask(index),
+        bearing: Bearing::new(&sample.position, &images[index].position_m),
+    };
+    (0..images.len()).map(sighting).filter(|sighting| sighting.mask != 0).collect()
 }
 
 impl Sightings {
     /// What the images for which `counts` holds capture together.
     pub fn capture(&self, problem: &Problem, counts: impl Fn(u32) -> bool) -> Capture {
-        let union =
-            |seen: &Vec<(u32, Mask)>| seen.iter().filter(|&&(image, _)| counts(image)).fold(0, |mask, &(_, other)| mask | other);
+        let union = |seen: &Vec<Sighting>| seen.iter().filter(|one| counts(one.image)).fold(0, |mask, one| mask | one.mask);
         let cells: Vec<u16> = self.0.iter().map(|seen| union(seen).count_ones() as u16).collect();
         let samples = problem.field.samples;
         let threshold = problem.field.facts.threshold_cells;
@@ -74,7 +90,16 @@ impl Sightings {
         let exposed = number(&|i| samples[i].exposed == 1);
         let capturable = f64::from(problem.capturable);
         let captured = number(&|i| problem.is_capturable(i) && above(i));
+        let is_matched = |i: usize| {
+            let mut views = MatchedViews::default();
+            self.0[i].iter().filter(|one| counts(one.image)).for_each(|one| views.add(&problem.matching, one.bearing));
+            views.matched() >= problem.matching.least_views
+        };
+        let matchable = number(&|i| problem.matchable[i]);
+        let matched = number(&|i| problem.matchable[i] && is_matched(i));
         Capture {
+            matched: matched as u32,
+            matched_percent: percent(matched, matchable),
             captured: captured as u32,
             information: cells.iter().zip(samples).map(|(&cells, row)| u64::from(cells) * row.area_mm2).sum(),
             coverage_percent: percent(captured, capturable),

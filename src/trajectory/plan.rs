@@ -30,6 +30,8 @@ pub struct Plan {
     pub ceilings: Vec<u16>,
     /// Coverage goal G, percent of the capturable samples.
     pub goal_percent: f64,
+    /// Goal for [`Metrics::matched_percent`]; 0 where none was asked for.
+    pub matched_goal_percent: f64,
     /// Smallest distance of the whole curve to a structure or the ground, m.
     pub clearance_m: f64,
     /// The best path after each iteration of the search.
@@ -153,6 +155,8 @@ pub struct Metrics {
     pub coverage_percent: f64,
     pub coverage_exposed_percent: f64,
     pub capturable_percent: f64,
+    /// Share of the samples with enough matched views (`quality.least_views`) among those that can have them, percent.
+    pub matched_percent: f64,
     pub information: f64,
     pub objective: f64,
     /// Exposures that wait for the shutter near a corner, and those that are left out because they would have to wait too long.

@@ -3,7 +3,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::evaluate::Sightings;
+use super::evaluate::{Sighting, Sightings};
 use crate::coverage::union::{cover, gain};
 use crate::coverage::{Information, Mask, Observations};
 use crate::search::Problem;
@@ -57,7 +57,7 @@ fn greedy(problem: &Problem, sightings: &Sightings, images: usize, goal: u32) ->
 fn by_image(sightings: &Sightings, images: usize) -> Vec<Observations> {
     let mut rows: Vec<(Vec<u32>, Vec<Mask>)> = vec![Default::default(); images];
     for (sample, seen) in sightings.0.iter().enumerate() {
-        for &(image, mask) in seen {
+        for &Sighting { image, mask, .. } in seen {
             let (samples, masks) = &mut rows[image as usize];
             samples.push(sample as u32);
             masks.push(mask);

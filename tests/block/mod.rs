@@ -192,6 +192,7 @@ pub fn plan(field: &FieldTable) -> Plan {
             coverage_percent: 95.3,
             coverage_exposed_percent: 84.1,
             capturable_percent: 88.2,
+            matched_percent: 93.7,
             information: 5123.25,
             objective: 4211.5,
             delayed_exposures: 3,
@@ -202,6 +203,7 @@ pub fn plan(field: &FieldTable) -> Plan {
         cells,
         ceilings: field.ceilings.to_vec(),
         goal_percent: 95.0,
+        matched_goal_percent: 95.0,
         clearance_m: 5.2,
         convergence: (0..400)
             .map(|index| Iteration {

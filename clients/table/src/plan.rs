@@ -6,7 +6,7 @@ use crate::layout::{self, Block, LayoutError, Section};
 
 /// "OVFLYPLN" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYPLN");
-pub const SCHEMA: u32 = 3;
+pub const SCHEMA: u32 = 4;
 
 /// The figures of a plan, in the order of `metrics` in `plan.json`.
 #[repr(C)]
@@ -29,6 +29,8 @@ pub struct MetricsRow {
     pub coverage_exposed_percent: f64,
     /// Share of the exposed samples that can be captured at all: the ceiling.
     pub capturable_percent: f64,
+    /// Share of the samples with enough matched views among those that can have them.
+    pub matched_percent: f64,
     /// Area-weighted information (model units) by exact rays.
     pub information: f64,
     /// Eq. 6 with the exact information.
@@ -74,6 +76,8 @@ pub struct PlanFacts {
     pub georeferenced: u64,
     /// Coverage goal G in percent of the capturable samples.
     pub goal_percent: f64,
+    /// The goal for the matched samples, percent; 0 where none was asked for.
+    pub matched_goal_percent: f64,
     /// Field and search times, s.
     pub field_s: f64,
     pub search_s: f64,

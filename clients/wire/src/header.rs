@@ -8,7 +8,7 @@ use overfly_table::Block;
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYMSG");
 
 /// Version of the header, the bodies and the services. Both sides must agree. Version 2 has orders with rig files and view directions.
-pub const SCHEMA: u32 = 3;
+pub const SCHEMA: u32 = 4;
 
 /// Who sent what, and how long it is.
 #[repr(C)]

@@ -90,6 +90,9 @@ pub struct PlanOrder {
     pub budget_s: Option<f64>,
     /// Coverage goal, percent of the capturable samples; `None` takes the daemon's setting.
     pub goal_percent: Option<f64>,
+    /// For the method `refined`: share of the samples that can have enough matched views that are to have them, percent; `None` takes the
+    /// coverage goal, 0 asks for none.
+    pub matched_percent: Option<f64>,
     /// For the method `refined`: the most coverage within this flight time, s, in place of a goal.
     pub within_s: Option<f64>,
     /// Views with a larger ground sampling distance show nothing, m; `None` for the range of the daemon's coverage model.
@@ -113,6 +116,7 @@ impl Default for PlanOrder {
             iterations: None,
             budget_s: None,
             goal_percent: None,
+            matched_percent: None,
             within_s: None,
             gsd_m: None,
             region_m: Vec::new(),
@@ -409,8 +413,10 @@ impl PlanOrder {
                 return invalid(format!("the {what} is {seconds} s; give more than 0 and at most {MAX_SECONDS} s"));
             }
         }
-        if let Some(percent) = self.goal_percent.filter(|percent| !(0.0..=100.0).contains(percent)) {
-            return invalid(format!("the coverage goal is {percent} %; give 0 to 100"));
+        for (what, percent) in [("coverage", self.goal_percent), ("matched", self.matched_percent)] {
+            if let Some(percent) = percent.filter(|percent| !(0.0..=100.0).contains(percent)) {
+                return invalid(format!("the {what} goal is {percent} %; give 0 to 100"));
+            }
         }
         if let Some(gsd_m) = self.gsd_m.filter(|gsd_m| !(*gsd_m > 0.0 && gsd_m.is_finite())) {
             return invalid(format!("the ground sampling distance is {gsd_m} m; give a length above 0, such as 0.01"));
@@ -594,6 +600,7 @@ mod tests {
             plan(PlanOrder { budget_s: Some(0.0), ..order() }),
             plan(PlanOrder { within_s: Some(f64::NAN), ..order() }),
             plan(PlanOrder { goal_percent: Some(100.1), ..order() }),
+            plan(PlanOrder { matched_percent: Some(f64::NAN), ..order() }),
             plan(PlanOrder { gsd_m: Some(-0.01), ..order() }),
             plan(PlanOrder { region_m: vec![[0.0; 2]; 2], ..order() }),
             plan(PlanOrder { region_m: vec![[0.0, 1.0], [1.0, 2.0], [1e9, 0.0]], ..order() }),

@@ -312,7 +312,7 @@ mod tests {
     #[test]
     fn a_thicker_shell_has_more_viewpoints_and_not_wider_spaced_ones() {
         let mut settings = Settings::default();
-        (settings.surface.samples, settings.field.viewpoints) = (150, 200);
+        (settings.surface.samples, settings.field.viewpoints) = (150, 1000);
         let field = |settings: &Settings| {
             let snapshot = build_field(generate_block(&quick_block()), settings, &StopToken::default()).unwrap();
             (snapshot.field().facts.lattice_spacing_m, snapshot.field().viewpoints.len())

@@ -252,6 +252,47 @@ fn only_what_is_asked_for_is_made() {
 }
 
 #[test]
+fn sights_are_compared_by_one_measure_and_are_the_same_again() {
+    let place = place_with_scenes();
+    reproduce(&place, "1", &["--only", "sight", "--out", "first"]);
+    reproduce(&place, "3", &["--only", "sight", "--out", "second"]);
+    let [first_run, second_run] = ["first", "second"].map(|folder| json(&place, folder)["tables"].clone());
+    assert_eq!(first_run, second_run);
+    let table = &first_run[0];
+    assert_eq!((table["key"].as_str(), first_run.as_array().map(Vec::len)), (Some("sight"), Some(1)));
+    let rows: Vec<&Value> = table["rows"].as_array().unwrap().iter().map(|row| &row["cells"]).collect();
+    // The paper's, then three sights, two half-angles and two methods on the block: delfshaven is missing.
+    assert_eq!(rows.len(), 1 + 3 * 2 * 2);
+    assert_eq!((table["rows"][0]["by"].as_str(), &rows[0]["Length ↓ [m]"]), (Some("paper"), &Value::from(2151.0)));
+    let pixel_rad = Rig::preset("phantom4-rtk").unwrap().coarsest_pixel_rad();
+    for (place, cells) in rows[1..].iter().enumerate() {
+        let range_m = [80.0, 120.0, 160.0][place / 4];
+        assert_eq!((&cells["Range [m]"], &cells["Full disk up to [m]"]), (&range_m.into(), &(range_m / 2.0).into()), "{cells}");
+        let gsd_cm = cells["Ground sampling distance at the range [cm]"].as_f64().unwrap();
+        assert!((gsd_cm - range_m * pixel_rad * 100.0).abs() < 1e-9, "{cells}");
+        assert_eq!(cells["theta0 [deg]"], [25.0, 28.0][place / 2 % 2]);
+        assert_eq!(cells["Method"], ["Ours", "Refined"][place % 2]);
+        let is_at_goal = cells["Coverage of capturable [%]"]["median"].as_f64().unwrap() >= 95.0;
+        assert_eq!(cells["Flights at the goal"], format!("{} of 1", u8::from(is_at_goal)));
+    }
+    assert_capturable_grows_with_sight(&rows[1..]);
+    let notes = table["notes"].as_array().unwrap();
+    let skipped = "Skipped delfshaven: there is no delfshaven/delfshaven.city.json in the folder of scenes.";
+    assert!(notes.contains(&skipped.into()));
+    let of_searches = |note: &&Value| note.as_str().unwrap().starts_with("Searches of the paper's method over block");
+    assert_eq!(notes.iter().filter(of_searches).count(), 2, "one for each half-angle");
+}
+
+/// Each sight keeps the viewpoints of the one before, because the lattice stays, and its disks contain the smaller ones.
+fn assert_capturable_grows_with_sight(rows: &[&Value]) {
+    let capturable = |cells: &Value| cells["Capturable [%]"]["median"].as_f64().unwrap();
+    for (nearer, farther) in rows.iter().zip(&rows[4..]) {
+        assert!(capturable(farther) >= capturable(nearer), "{farther} after {nearer}");
+    }
+    assert!(capturable(rows[11]) > capturable(rows[0]));
+}
+
+#[test]
 fn unknown_parts_and_numbers_of_seeds_are_refused_before_anything_is_made() {
     let place = Place::new();
     let message = place.fails(2, "usage", &["reproduce", "--only", "table1,table7", "--out", "out"]);

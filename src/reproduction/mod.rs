@@ -16,6 +16,7 @@ mod paper;
 mod pareto;
 mod planning_time;
 mod refined;
+mod sight;
 mod site;
 mod statistics;
 mod study;
@@ -68,12 +69,14 @@ pub enum Part {
     Times,
     /// The refinement against the paper's search in the same time.
     Refined,
+    /// How far cameras see, which the paper leaves open.
+    Sight,
     Sweep,
 }
 
 impl Part {
     /// All parts, in the order in which they are reported.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Table1,
         Self::Table2,
         Self::Table3,
@@ -86,6 +89,7 @@ impl Part {
         Self::Pareto,
         Self::Times,
         Self::Refined,
+        Self::Sight,
         Self::Sweep,
     ];
 
@@ -103,6 +107,7 @@ impl Part {
             Self::Pareto => "pareto",
             Self::Times => "times",
             Self::Refined => "refined",
+            Self::Sight => "sight",
             Self::Sweep => "sweep",
         }
     }
@@ -112,9 +117,9 @@ impl Part {
         Self::ALL.into_iter().find(|part| part.name() == name).ok_or_else(|| ReproductionError::UnknownPart(name.to_owned()))
     }
 
-    /// What is done when nothing is asked for by name: all of the paper, without the sweep.
+    /// What is done when nothing is asked for by name: all of the paper, without what varies constants that it leaves open.
     pub fn of_the_paper() -> Vec<Self> {
-        Self::ALL.into_iter().filter(|part| *part != Self::Sweep).collect()
+        Self::ALL.into_iter().filter(|part| !matches!(part, Self::Sight | Self::Sweep)).collect()
     }
 
     fn names() -> String {
@@ -211,6 +216,7 @@ fn add(found: &mut Reproduction, part: Part, study: &mut Study) -> Result<(), Re
         Part::Pareto => add_figure(found, pareto::figure(study)?),
         Part::Times => found.times.push(planning_time::table(study)?),
         Part::Refined => found.times.push(refined::table(study)?),
+        Part::Sight => found.tables.push(sight::table(study)?),
         Part::Sweep => found.tables.push(sweep::table(study)?),
     }
     Ok(())

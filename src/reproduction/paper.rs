@@ -71,6 +71,9 @@ pub const PLANNING_MIN: [(&str, f64); 3] = [("NY-1", 5.3), ("UK-1", 10.5), ("Bri
 pub const BENCHMARK_PERCENT: [f64; 2] = [30.0, 95.0];
 pub const REAL_PERCENT: [f64; 2] = [15.0, 85.0];
 
+/// Section 6: the most iterations K.
+pub const MOST_ITERATIONS: u32 = 400;
+
 #[cfg(test)]
 mod tests {
     use super::*;

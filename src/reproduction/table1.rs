@@ -13,10 +13,10 @@ use crate::settings::Settings;
 const TERMS: [[bool; 2]; 4] = [[false, false], [true, false], [false, true], [true, true]];
 
 /// The refined flight was to be no longer than this, m.
-const REFINED_MOST_M: f64 = 2700.0;
+pub const REFINED_MOST_M: f64 = 2700.0;
 
 /// Refined flights take longer to plan than the others.
-const REFINED_SEEDS: u32 = 3;
+pub const REFINED_SEEDS: u32 = 3;
 
 pub fn table(study: &mut Study) -> Result<Table, ReproductionError> {
     let columns = [
@@ -73,7 +73,7 @@ fn note_refined(table: &mut Table, trial: &Trial, flights: &Flights) {
 }
 
 /// Twice the usual number of rounds.
-fn with_rounds(settings: &Settings) -> Settings {
+pub fn with_rounds(settings: &Settings) -> Settings {
     let mut settings = settings.clone();
     settings.refine.rounds = settings.refine.rounds.saturating_mul(2);
     settings

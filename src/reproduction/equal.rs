@@ -153,7 +153,7 @@ fn pairs<'a>(
 
 /// Rounds of a refined flight: with several cameras a round takes several times as long.
 fn rounds(settings: &Settings, rig: &Rig) -> u32 {
-    if rig.camera_count() > 1 { settings.refine.rounds / 2 } else { settings.refine.rounds }
+    if rig.camera_count() > 1 { settings.refine.rounds / 4 } else { settings.refine.rounds }
 }
 
 fn add_row(table: &mut Table, theirs: &Trial, method: Method, pairs: &[Pair]) {
@@ -267,7 +267,7 @@ fn add_notes(study: &Study, table: &mut Table) {
          one camera, {} with five and N = {REFINED_SAMPLES}.",
         settings.quality.least_views,
         settings.refine.rounds,
-        settings.refine.rounds / 2
+        settings.refine.rounds / 4
     ));
     table.note(format!("Both fly the same cameras: against OP, ours have its {} mm lenses too.", settings.baseline.op_focal_mm));
     table.note("There is no chance in OP: it has one flight, which is held beside each seed of ours.");

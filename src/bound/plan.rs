@@ -6,6 +6,7 @@ use rand_core::{Rng, SeedableRng};
 use super::graph::{Graph, add};
 use super::routes::{NO_ROUTE, Routes};
 use crate::coverage::Mask;
+use crate::settings::BoundSettings;
 use crate::stop::StopToken;
 
 /// A walk on the graph that captures enough.
@@ -19,15 +20,11 @@ pub struct Walk {
 /// Stops of a tour: waypoints that the walk must pass; between them it takes the shortest routes, and what their images see counts as well.
 type Stops = Vec<usize>;
 
-/// Share of the length by which a tour may be worse than the one before and still be followed, at first.
-const FIRST_TOLERANCE: f64 = 0.03;
-
-/// Most stops that are taken out at once.
-const MOST_TAKEN: usize = 8;
-
-/// The best walk of so many rounds; `None` when all images together do not capture enough.
-pub fn shortest(graph: &Graph, routes: &Routes, rounds: u32, seed: u64, stop: &StopToken) -> Option<Walk> {
-    let mut tours = Tours { graph, routes, rng: ChaCha8Rng::seed_from_u64(seed), covered: Vec::new(), used: Vec::new(), mark: 0 };
+/// The best walk of as many rounds as the settings ask for; `None` when all images together do not capture enough.
+pub fn shortest(graph: &Graph, routes: &Routes, settings: &BoundSettings, seed: u64, stop: &StopToken) -> Option<Walk> {
+    let rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut tours = Tours { graph, routes, settings, rng, covered: Vec::new(), used: Vec::new(), mark: 0 };
+    let rounds = settings.plan_rounds;
     let mut current = tours.completed(Vec::new())?;
     let mut best = current.clone();
     for round in 0..rounds {
@@ -36,7 +33,7 @@ pub fn shortest(graph: &Graph, routes: &Routes, rounds: u32, seed: u64, stop: &S
         }
         let Some(candidate) = tours.changed(&current.0) else { continue };
         let left = 1.0 - f64::from(round) / f64::from(rounds);
-        let tolerated = current.1 as f64 * (1.0 + FIRST_TOLERANCE * left * left * tours.share());
+        let tolerated = current.1 as f64 * (1.0 + settings.plan_tolerance * left * left * tours.share());
         if candidate.1 as f64 <= tolerated {
             current = candidate;
         }
@@ -50,6 +47,7 @@ pub fn shortest(graph: &Graph, routes: &Routes, rounds: u32, seed: u64, stop: &S
 struct Tours<'a> {
     graph: &'a Graph,
     routes: &'a Routes,
+    settings: &'a BoundSettings,
     rng: ChaCha8Rng,
     /// Cells that the tour in hand covers, and its waypoints and edges by the mark of the time when they were counted.
     covered: Vec<Mask>,
@@ -70,7 +68,7 @@ impl Tours<'_> {
     /// Takes some stops out, neighbours on the tour or in space, puts others in until it is enough, and takes out what is not needed.
     fn changed(&mut self, stops: &Stops) -> Option<(Stops, i64)> {
         let mut kept = stops.clone();
-        let taken = 1 + self.below(MOST_TAKEN.min(kept.len()));
+        let taken = 1 + self.below((self.settings.plan_taken as usize).min(kept.len()));
         let centre = self.below(kept.len());
         if self.share() < 0.5 {
             let first = centre.min(kept.len() - taken);

@@ -294,7 +294,8 @@ pub struct BoundSettings {
     pub weighed_images: u32,
     pub weighed_sets: u32,
     pub weighing_steps: u32,
-    /// Rounds of the search for a plan on the graph.
+    /// Searches for a plan on the graph, and rounds of each.
+    pub plan_searches: u32,
     pub plan_rounds: u32,
     /// Share of the length by which a plan may be worse than the one before and still be followed, at first.
     pub plan_tolerance: f64,

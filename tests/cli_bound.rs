@@ -94,7 +94,7 @@ fn more_rounds_never_lower_the_bound_and_threads_change_nothing() {
 #[test]
 fn a_camera_on_a_gimbal_is_bounded_without_a_plan_beside_it() {
     let place = Place::new();
-    let answer = place.json(&[&small_block(&place, 2)[..], &["--rig", "phantom4-rtk"]].concat());
+    let answer = place.json(&[&small_block(&place, 12)[..], &["--rig", "phantom4-rtk"]].concat());
     assert!(number(&answer, "bound_m") > 0.0 && answer["plan"].is_null() && answer["ratio"].is_null(), "{answer}");
     assert!(answer["statement"].as_str().unwrap().contains("one of the discretised directions"), "{answer}");
 }

@@ -176,6 +176,7 @@ impl Settings {
             ("bound.weighed_images", f64::from(bound.weighed_images), 1.0, 128.0),
             ("bound.weighed_sets", f64::from(bound.weighed_sets), 1.0, 100_000.0),
             ("bound.weighing_steps", f64::from(bound.weighing_steps), 1.0, 1e8),
+            ("bound.plan_searches", f64::from(bound.plan_searches), 1.0, 1000.0),
             ("bound.plan_rounds", f64::from(bound.plan_rounds), 0.0, f64::from(MOST_ITERATIONS)),
             ("bound.plan_tolerance", bound.plan_tolerance, 0.0, 1.0),
             ("bound.plan_taken", f64::from(bound.plan_taken), 1.0, 1000.0),

@@ -27,6 +27,7 @@ pub struct Settings {
     pub refine: RefineSettings,
     pub quality: QualitySettings,
     pub baseline: BaselineSettings,
+    pub bound: BoundSettings,
     pub daemon: DaemonSettings,
 }
 
@@ -260,6 +261,48 @@ pub struct BaselineSettings {
     pub zhou_rounds: u32,
     /// Kicks of the local search for the tour, for each view.
     pub tour_kicks: u32,
+}
+
+/// The certified lower bound and the plan beside it. Whatever stands here, the bound holds; how high it gets and how long it takes depend on it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoundSettings {
+    /// Viewpoints of the field that the graph takes, at most.
+    pub waypoints: u32,
+    /// A graph is refused when its images see samples more often: pairs of a way to take an image, or of a leg, and a sample.
+    pub most_sightings: u32,
+    /// Rounds of rows on demand, at most.
+    pub most_rounds: u32,
+    /// Rounds that lift the bound by less than this share end the work when there are so many of them in a row.
+    pub still_share: f64,
+    pub still_rounds: u32,
+    /// Rows that join in one round, at most.
+    pub most_new_rows: u32,
+    /// Rows with a smaller multiplier, m for the largest coefficient, are left out of the next program.
+    pub idle_m: f64,
+    /// Rows that are broken by less are left alone, as a share of a whole capture or visit.
+    pub least_violation: f64,
+    /// Cuts that are sought for one sample and weighting in one round.
+    pub nested_cuts: u32,
+    /// Waypoints that are visited less get no rows of their own, as a share of a visit.
+    pub least_visit: f64,
+    /// Edges from each waypoint to the nearest others that the program begins with.
+    pub first_neighbours: u32,
+    /// Iterations of the interior-point solver, its relative gap, and by how much it may break rows.
+    pub solver_iterations: u32,
+    pub solver_gap: f64,
+    pub solver_feasibility: f64,
+    /// The sharpest weighting of a sample's images: images that it looks at together, capturing sets, steps of one search for such a set.
+    pub weighed_images: u32,
+    pub weighed_sets: u32,
+    pub weighing_steps: u32,
+    /// Searches for a plan on the graph, and rounds of each.
+    pub plan_searches: u32,
+    pub plan_rounds: u32,
+    /// Share of the length by which a plan may be worse than the one before and still be followed, at first.
+    pub plan_tolerance: f64,
+    /// Stops that are taken out of a plan at once, at most.
+    pub plan_taken: u32,
 }
 
 /// The resident daemon.

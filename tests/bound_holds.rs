@@ -11,10 +11,11 @@ use overfly::bound::plan::shortest;
 use overfly::bound::program::{Program, Row};
 use overfly::bound::relaxation::{Layout, program};
 use overfly::bound::routes::Routes;
-use overfly::bound::{BoundError, BoundOptions, Ended, bound, lower_bound};
+use overfly::bound::{BoundError, Ended, bound, lower_bound};
 use overfly::camera::Rig;
 use overfly::coverage::{Mask, Observations};
 use overfly::search::Problem;
+use overfly::settings::{BoundSettings, Settings};
 use overfly::stop::StopToken;
 use proptest::prelude::*;
 use support::{session, small_block, small_settings, snapshot};
@@ -89,8 +90,13 @@ fn graphs(vertices: usize, looks: usize) -> impl Strategy<Value = Graph> {
     )
 }
 
+/// The defaults with so many rounds of the search for a plan.
+fn rounds(plan_rounds: u32) -> BoundSettings {
+    BoundSettings { plan_rounds, ..Settings::default().bound }
+}
+
 fn certified_um(graph: &Graph) -> i64 {
-    lower_bound(graph, &StopToken::default(), &mut |_| {}).bound_um
+    lower_bound(graph, &rounds(0), &StopToken::default(), &mut |_| {}).bound_um
 }
 
 proptest! {
@@ -100,7 +106,7 @@ proptest! {
     fn no_walk_is_shorter_than_the_bound(graph in graphs(6, 1)) {
         let Some(optimum_um) = shortest_by_brute_force(&graph) else { return Ok(()) };
         prop_assert!(certified_um(&graph) <= optimum_um);
-        let walk = shortest(&graph, &Routes::new(&graph), 30, 1, &StopToken::default());
+        let walk = shortest(&graph, &Routes::new(&graph), &rounds(30), 1, &StopToken::default());
         if let Some(walk) = walk {
             prop_assert!(walk.length_um >= optimum_um && walk.captured >= graph.demand.sufficient);
         }
@@ -132,7 +138,7 @@ fn the_best_multipliers_certify_the_optimum_and_others_less() {
     for (multiplier, bound) in [(2e6, 8_000_000), (2.5e6, 8_500_000), (4e6, 7_000_000), (-1.0, 0), (f64::NAN, 0)] {
         assert_eq!(program.certify(&[multiplier]).bound, bound, "{multiplier}");
     }
-    let proposal = program.solve(&[true, true]);
+    let proposal = program.solve(&[true, true], &rounds(0));
     assert!(
         program.certify(&proposal.multipliers).bound > 8_999_000 && program.certify(&proposal.multipliers).bound <= 9_000_000
     );
@@ -160,17 +166,18 @@ fn on_a_line_the_bound_is_the_whole_line() {
     let graph = line(8);
     let (bound_um, optimum_um) = (certified_um(&graph), 70_000_000);
     assert!(bound_um <= optimum_um && bound_um as f64 > 0.999 * optimum_um as f64, "{bound_um}");
-    let walk = shortest(&graph, &Routes::new(&graph), 20, 1, &StopToken::default()).expect("the line can be flown");
+    let walk = shortest(&graph, &Routes::new(&graph), &rounds(20), 1, &StopToken::default()).expect("the line can be flown");
     assert_eq!((walk.length_um, walk.captured, walk.vertices.len()), (optimum_um, 2, 8));
 }
 
-fn on_block(rig: &str, waypoints: usize, stop: &StopToken) -> Result<overfly::bound::Bound, BoundError> {
+fn on_block(rig: &str, waypoints: u32, stop: &StopToken) -> Result<overfly::bound::Bound, BoundError> {
     let mut settings = small_settings();
     settings.surface.samples = 60;
+    settings.bound = BoundSettings { waypoints, ..rounds(50) };
     let snapshot = snapshot(&session(small_block(8), &settings));
     let problem = Problem::new(&snapshot, &settings, Rig::preset(rig).expect("a preset"));
     // Each round's bound holds, so that a few of them will do.
-    bound(&problem, &BoundOptions { waypoints, plan_rounds: 50, seed: 1 }, stop, &mut |progress| {
+    bound(&problem, &settings.bound, 1, stop, &mut |progress| {
         if progress.round == 6 {
             stop.stop();
         }
@@ -190,7 +197,7 @@ fn on_a_block_the_plan_is_longer_than_the_bound_and_both_are_the_same_again() {
 #[test]
 fn too_few_waypoints_and_a_stop_are_told() {
     let too_few = on_block("panoramic", 3, &StopToken::default()).unwrap_err();
-    assert!(matches!(too_few, BoundError::TooFewWaypoints { .. }) && too_few.to_string().ends_with("ask for more waypoints"));
+    assert!(matches!(too_few, BoundError::TooFewWaypoints { .. }) && too_few.to_string().contains("ask for more waypoints"));
     let stopped = StopToken::default();
     stopped.stop();
     assert_eq!(on_block("panoramic", 140, &stopped).unwrap_err(), BoundError::Stopped);

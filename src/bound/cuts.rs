@@ -11,6 +11,7 @@ use super::hull;
 use super::program::Row;
 use super::relaxation::Layout;
 use crate::coverage::{CELLS, Mask};
+use crate::settings::BoundSettings;
 
 /// What sees a sample, by sample: variables and masks.
 #[derive(Clone, Debug)]
@@ -32,6 +33,15 @@ enum Place {
     Edge([usize; 2]),
 }
 
+/// A fractional solution of the program of a graph.
+#[derive(Clone, Copy, Debug)]
+pub struct Fraction<'a> {
+    pub graph: &'a Graph,
+    pub layout: &'a Layout,
+    pub values: &'a [f64],
+    pub settings: &'a BoundSettings,
+}
+
 /// How hard rows are sought.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
@@ -44,19 +54,10 @@ pub enum Effort {
 /// A row that is broken, and by how much of a whole capture or visit.
 pub type Broken = (f64, Row);
 
-/// Rows that are broken by less are left alone.
-const LEAST_VIOLATION: f64 = 0.02;
-
 /// Capacities are whole multiples of this share of an edge.
 const FLOW_UNITS: f64 = 1e6;
 /// Units that each edge has for nothing, so that of equally good cuts the one with the fewest edges is found.
 const CREEP: i64 = 20;
-
-/// Cuts that are sought for one sample and weighting.
-const NESTED_CUTS: usize = 6;
-
-/// Waypoints that are visited less are connected well enough by the samples that are seen from there.
-const LEAST_VISIT: f64 = 0.1;
 
 impl Witnesses {
     pub fn new(graph: &Graph, layout: &Layout) -> Self {
@@ -75,18 +76,19 @@ impl Witnesses {
 }
 
 /// All broken rows that are found: of coverage, of the connection with what captures a sample, and of the connection with each visited waypoint.
-pub fn separate(graph: &Graph, layout: &Layout, witnesses: &Witnesses, values: &[f64], effort: Effort) -> Vec<Broken> {
-    let by_sample =
-        (0..layout.samples).into_par_iter().map(|i| of_sample(graph, layout, &witnesses.of_sample[i], i, values, effort));
+pub fn separate(fraction: Fraction, witnesses: &Witnesses, effort: Effort) -> Vec<Broken> {
+    let layout = fraction.layout;
+    let by_sample = (0..layout.samples).into_par_iter().map(|i| of_sample(fraction, &witnesses.of_sample[i], i, effort));
     let mut broken: Vec<Broken> = by_sample.flatten_iter().collect();
-    let by_vertex = (0..layout.vertices).into_par_iter().flat_map_iter(|v| of_vertex(graph, layout, v, values));
+    let by_vertex = (0..layout.vertices).into_par_iter().flat_map_iter(|v| of_vertex(fraction, v));
     broken.par_extend(by_vertex);
     broken
 }
 
-fn of_sample(graph: &Graph, layout: &Layout, witnesses: &[Witness], i: usize, values: &[f64], effort: Effort) -> Vec<Broken> {
+fn of_sample(fraction: Fraction, witnesses: &[Witness], i: usize, effort: Effort) -> Vec<Broken> {
+    let Fraction { graph, layout, values, settings } = fraction;
     let captured = values[layout.sample(i)];
-    if captured < LEAST_VIOLATION {
+    if captured < settings.least_violation {
         return Vec::new();
     }
     let needed = graph.demand.needed_cells;
@@ -94,17 +96,17 @@ fn of_sample(graph: &Graph, layout: &Layout, witnesses: &[Witness], i: usize, va
     let uses: Vec<f64> = witnesses.iter().map(|witness| values[witness.variable]).collect();
     let sharp = match effort {
         Effort::Quick => None,
-        Effort::Sharp => hull::weigh(&masks, &uses, needed).map(|weights| (weights, hull::WHOLE)),
+        Effort::Sharp => hull::weigh(&masks, &uses, needed, settings).map(|weights| (weights, hull::WHOLE)),
     };
     let weightings = [Some(by_cells(&masks, &uses, needed)), sharp];
     let mut rows = Vec::new();
     for (weights, whole) in weightings.into_iter().flatten() {
         let row = coverage_row(layout, witnesses, &weights, whole, i);
         let violation = row.violation(values) / whole as f64;
-        if violation > LEAST_VIOLATION {
+        if violation > settings.least_violation {
             rows.push((violation, row));
         }
-        rows.extend(connection(graph, layout, witnesses, &weights, whole, i, values));
+        rows.extend(connection(fraction, witnesses, &weights, whole, i));
     }
     rows
 }
@@ -146,19 +148,11 @@ fn coverage_row(layout: &Layout, witnesses: &[Witness], weights: &[i64], whole: 
 /// For any set S of waypoints, a plan that captures the sample goes into S and out again or ends there (twice the capture in all), or what it sees
 /// without touching S is enough: whole (x(cut of S) + s(S)) + 2 sum of weights of the images outside S >= 2 whole c_i. The smallest left side
 /// is a minimum cut.
-fn connection(
-    graph: &Graph,
-    layout: &Layout,
-    witnesses: &[Witness],
-    weights: &[i64],
-    whole: i64,
-    i: usize,
-    values: &[f64],
-) -> Vec<Broken> {
-    let target = Target { variable: layout.sample(i), whole };
+fn connection(fraction: Fraction, witnesses: &[Witness], weights: &[i64], whole: i64, i: usize) -> Vec<Broken> {
+    let target = Target { variable: fraction.layout.sample(i), whole };
     let shares: Vec<(Place, usize, i64)> =
         witnesses.iter().zip(weights).map(|(w, &weight)| (w.place, w.variable, weight)).collect();
-    nested(graph, layout, &target, &shares, values)
+    nested(fraction, &target, &shares)
 }
 
 /// What is to be connected: a variable, and the weight at which images are as good as a visit.
@@ -169,12 +163,13 @@ struct Target {
 
 /// Smallest cuts between the ends of the walk and what is to be connected. When one is found its edges are opened, so that the next one is another; each is taken
 /// from both sides. Many rows at a time save many solutions of the program.
-fn nested(graph: &Graph, layout: &Layout, target: &Target, images: &[(Place, usize, i64)], values: &[f64]) -> Vec<Broken> {
+fn nested(fraction: Fraction, target: &Target, images: &[(Place, usize, i64)]) -> Vec<Broken> {
+    let Fraction { graph, layout, values, settings } = fraction;
     let (wanted, whole) = (values[target.variable], target.whole as f64);
     let mut opened = vec![false; layout.edges];
     let mut rows: Vec<Broken> = Vec::new();
-    for _ in 0..NESTED_CUTS {
-        let (mut network, source) = network(graph, layout, values, &opened, wanted);
+    for _ in 0..settings.nested_cuts {
+        let (mut network, source) = network(fraction, &opened, wanted);
         let sink = source + 1;
         for &(place, variable, weight) in images {
             let share = weight as f64 / whole * values[variable];
@@ -185,7 +180,7 @@ fn nested(graph: &Graph, layout: &Layout, target: &Target, images: &[(Place, usi
             }
         }
         let (sent, mut far) = network.cut(source, sink, units(2.0 * wanted));
-        if sent as f64 / FLOW_UNITS >= 2.0 * wanted - LEAST_VIOLATION {
+        if sent as f64 / FLOW_UNITS >= 2.0 * wanted - settings.least_violation {
             break;
         }
         let near: Vec<bool> = network.sink_side(sink).into_iter().map(|inside| !inside).collect();
@@ -193,7 +188,7 @@ fn nested(graph: &Graph, layout: &Layout, target: &Target, images: &[(Place, usi
         for outside in [&far, &near[..layout.vertices].to_vec()] {
             let row = connection_row(graph, layout, target, images, outside);
             let violation = row.violation(values) / whole / 2.0;
-            if violation > LEAST_VIOLATION && rows.last().is_none_or(|last| last.1 != row) {
+            if violation > settings.least_violation && rows.last().is_none_or(|last| last.1 != row) {
                 rows.push((violation, row));
             }
             let crosses = |e: &usize| outside[graph.edges[*e].ends[0]] != outside[graph.edges[*e].ends[1]];
@@ -214,14 +209,15 @@ fn connection_row(graph: &Graph, layout: &Layout, target: &Target, images: &[(Pl
 }
 
 /// x(cut of S) + s(S) >= 2 w for the most used sight w of a waypoint in S.
-fn of_vertex(graph: &Graph, layout: &Layout, v: usize, values: &[f64]) -> Vec<Broken> {
+fn of_vertex(fraction: Fraction, v: usize) -> Vec<Broken> {
+    let Fraction { graph, layout, values, settings } = fraction;
     let Some(sight) = layout.sights(v).max_by(|&a, &b| values[a].total_cmp(&values[b]).then(b.cmp(&a))) else {
         return Vec::new();
     };
-    if values[sight] < LEAST_VISIT {
+    if values[sight] < settings.least_visit {
         return Vec::new();
     }
-    let (mut network, source) = network(graph, layout, values, &vec![false; layout.edges], 0.0);
+    let (mut network, source) = network(fraction, &vec![false; layout.edges], 0.0);
     let sink = source + 1;
     network.join(v, sink, units(3.0), 0);
     let (_, outside) = network.cut(source, sink, units(2.0 * values[sight]));
@@ -230,11 +226,12 @@ fn of_vertex(graph: &Graph, layout: &Layout, v: usize, values: &[f64]) -> Vec<Br
     }
     let row = Row { terms: boundary(graph, layout, &outside, 1).chain([(sight, -2)]).collect(), at_least: 0 };
     let violation = row.violation(values) / 2.0;
-    if violation > LEAST_VIOLATION { vec![(violation, row)] } else { Vec::new() }
+    if violation > settings.least_violation { vec![(violation, row)] } else { Vec::new() }
 }
 
 /// Waypoints, a source that the ends of the walk hang on, and a sink that hangs on nothing yet.
-fn network(graph: &Graph, layout: &Layout, values: &[f64], opened: &[bool], wanted: f64) -> (Network, usize) {
+fn network(fraction: Fraction, opened: &[bool], wanted: f64) -> (Network, usize) {
+    let Fraction { graph, layout, values, .. } = fraction;
     let source = layout.vertices;
     let mut network = Network::new(layout.vertices + 2);
     for (e, edge) in graph.edges.iter().enumerate() {

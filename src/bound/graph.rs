@@ -3,10 +3,12 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
+use super::BoundError;
 use crate::camera::Pose;
 use crate::coverage::{Mask, Observations};
 use crate::search::Problem;
 use crate::search::leg::image_poses;
+use crate::settings::BoundSettings;
 use crate::stop::StopToken;
 
 /// A graph of waypoints with the demand that a plan on it meets. Samples that cannot be captured are left out.
@@ -59,13 +61,14 @@ impl Edge {
 }
 
 impl Graph {
-    /// `waypoints` viewpoints of the field, spread as evenly as they can be, and all flyable legs of at most `radius_m` between them; of
-    /// that only what can be reached from the viewpoint that sees most. `None` when stopped.
-    pub fn of_problem(problem: &Problem, waypoints: usize, radius_m: f64, stop: &StopToken) -> Option<Self> {
+    /// `bound.waypoints` viewpoints of the field, spread as evenly as they can be, and all flyable legs of at most `radius_m` between them; of
+    /// that only what can be reached from the viewpoint that sees most. An error when stopped, and when there would be too much to see.
+    pub fn of_problem(problem: &Problem, settings: &BoundSettings, radius_m: f64, stop: &StopToken) -> Result<Self, BoundError> {
         let everywhere: Vec<Point3<f64>> = problem.field.viewpoints.iter().map(|row| row.position_m.into()).collect();
-        let first = (0..everywhere.len()).max_by_key(|&j| (seen_at(problem, &everywhere[j]), usize::MAX - j))?;
-        let positions_m = spread(&everywhere, first, waypoints);
-        let legs = legs(problem, &positions_m, radius_m, stop)?;
+        let first = (0..everywhere.len()).max_by_key(|&j| (seen_at(problem, &everywhere[j]), usize::MAX - j));
+        let first = first.ok_or(BoundError::NothingCapturable)?;
+        let positions_m = spread(&everywhere, first, settings.waypoints as usize);
+        let legs = legs(problem, &positions_m, radius_m, stop).ok_or(BoundError::Stopped)?;
         let (positions_m, edges) = connected(positions_m, &legs);
 
         let sample_numbers = numbers(problem);
@@ -74,9 +77,17 @@ impl Graph {
             needed_cells: problem.field.facts.threshold_cells + 1,
             sufficient: problem.sufficient,
         };
-        let vertex_sights = positions_m.par_iter().map(|place| at_waypoint(problem, place, &sample_numbers)).collect();
-        let edge_sights = edges.par_iter().map(|edge| on_the_way(problem, edge.ends.map(|v| positions_m[v]), &sample_numbers));
-        Some(Self { edge_sights: edge_sights.collect(), vertex_sights, positions_m, edges, demand })
+        let too_large = BoundError::TooLarge {
+            waypoints: positions_m.len(),
+            legs: edges.len(),
+            samples: demand.samples,
+            most: settings.most_sightings,
+        };
+        let mut room = Room { left: settings.most_sightings as usize, too_large, stop };
+        let vertex_sights = room.gather(&positions_m, |place| at_waypoint(problem, place, &sample_numbers))?;
+        let on_edge = |edge: &Edge| vec![on_the_way(problem, edge.ends.map(|v| positions_m[v]), &sample_numbers)];
+        let edge_sights = room.gather(&edges, on_edge)?.into_iter().flatten().collect();
+        Ok(Self { edge_sights, vertex_sights, positions_m, edges, demand })
     }
 
     /// By waypoint, its edges.
@@ -93,6 +104,37 @@ impl Graph {
         let mut covered = vec![0; self.demand.samples];
         self.vertex_sights.iter().flatten().chain(&self.edge_sights).for_each(|sight| add(&mut covered, sight));
         self.demand.captured(&covered)
+    }
+}
+
+/// How much may be seen.
+struct Room<'s> {
+    /// Pairs of a sight and a sample.
+    left: usize,
+    too_large: BoundError,
+    stop: &'s StopToken,
+}
+
+/// Waypoints or legs whose sights are found at once.
+const GATHERED_AT_ONCE: usize = 256;
+
+impl Room<'_> {
+    /// What `see` finds for each item, as long as there is room for it.
+    fn gather<T: Sync>(
+        &mut self,
+        items: &[T],
+        see: impl Fn(&T) -> Vec<Observations> + Sync,
+    ) -> Result<Vec<Vec<Observations>>, BoundError> {
+        let mut gathered: Vec<Vec<Observations>> = Vec::with_capacity(items.len());
+        for some in items.chunks(GATHERED_AT_ONCE) {
+            if self.stop.is_stopped() {
+                return Err(BoundError::Stopped);
+            }
+            gathered.par_extend(some.par_iter().map(&see));
+            let seen = gathered[gathered.len() - some.len()..].iter().flatten().map(Observations::len).sum();
+            self.left = self.left.checked_sub(seen).ok_or(self.too_large.clone())?;
+        }
+        Ok(gathered)
     }
 }
 

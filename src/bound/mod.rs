@@ -12,7 +12,7 @@ pub mod program;
 pub mod relaxation;
 pub mod routes;
 
-use self::cuts::{Broken, Effort, Witnesses};
+use self::cuts::{Broken, Effort, Fraction, Witnesses};
 use self::graph::{Graph, MICROMETRES};
 use self::plan::Walk;
 use self::program::{Program, Proposal, Row};
@@ -20,17 +20,8 @@ use self::relaxation::Layout;
 use self::routes::Routes;
 use crate::camera::Cameras;
 use crate::search::Problem;
+use crate::settings::BoundSettings;
 use crate::stop::StopToken;
-
-/// What is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BoundOptions {
-    /// Viewpoints of the field that the graph takes, at most.
-    pub waypoints: usize,
-    /// Rounds of the search for a plan, and its seed.
-    pub plan_rounds: u32,
-    pub seed: u64,
-}
 
 /// A bound and what it is about.
 #[derive(Clone, Debug)]
@@ -52,9 +43,15 @@ pub enum BoundError {
     NothingCapturable,
     #[error(
         "no plan on a graph of {waypoints} waypoints is sufficient: all its images together capture {reachable} samples, and {sufficient} are needed; ask \
-         for more waypoints"
+         for more waypoints (`--waypoints`), and for as many viewpoints of the field (`--viewpoints`)"
     )]
     TooFewWaypoints { waypoints: usize, reachable: u32, sufficient: u32 },
+    #[error(
+        "a graph of {waypoints} waypoints and {legs} legs is too large for a bound: its images see the {samples} samples that can be captured more than \
+         {most} times; take fewer samples (`--samples`), fewer waypoints (`--waypoints`) or a part of the scene, or raise `bound.most_sightings` and \
+         expect hours"
+    )]
+    TooLarge { waypoints: usize, legs: usize, samples: usize, most: u32 },
     #[error("stopped before there was a bound")]
     Stopped,
 }
@@ -87,28 +84,16 @@ pub struct Progress {
     pub plan_um: Option<i64>,
 }
 
-/// Rounds that lift the bound by less than this share ...
-const STILL: f64 = 0.001;
-/// ... end the work when there are so many of them in a row.
-const STILL_ROUNDS: u32 = 4;
-const MOST_ROUNDS: u32 = 120;
-
-/// Rows that join in one round: those that are broken most.
-const MOST_NEW_ROWS: usize = 800;
-/// Rows with a smaller multiplier, m for the largest coefficient, are left out of the next program; they come back when they are broken.
-const IDLE_M: f64 = 1e-3;
-
-/// Edges from each waypoint to the nearest others that the program begins with; the rest joins when it is worth it.
-const FIRST_NEIGHBOURS: usize = 6;
-
 /// Where what is seen depends on how often an edge is flown, it is flown at most so often; a plan that does so more often is longer than the
 /// bound is let become.
 const MOST_FLIGHTS: i64 = 1000;
 
-/// Bounds the length of the plans on a graph that [`Graph::of_problem`] makes with the neighbour radius of the search, and looks for a short one.
+/// Bounds the length of the plans on a graph that [`Graph::of_problem`] makes with the neighbour radius of the search, and looks for a short one, by chance
+/// as `seed` says.
 pub fn bound(
     problem: &Problem,
-    options: &BoundOptions,
+    settings: &BoundSettings,
+    seed: u64,
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Bound, BoundError> {
@@ -116,17 +101,16 @@ pub fn bound(
         return Err(BoundError::NothingCapturable);
     }
     let radius_m = problem.field.facts.neighbour_radius_m;
-    let graph = Graph::of_problem(problem, options.waypoints, radius_m, stop).ok_or(BoundError::Stopped)?;
+    let graph = Graph::of_problem(problem, settings, radius_m, stop)?;
     let (reachable, sufficient) = (graph.reachable(), graph.demand.sufficient);
     if reachable < sufficient {
         return Err(BoundError::TooFewWaypoints { waypoints: graph.positions_m.len(), reachable, sufficient });
     }
     // The directions of a camera on a gimbal are bounded, but no plan with them is sought.
     let is_planned = matches!(problem.rig.cameras, Cameras::Panoramic { .. });
-    let plan =
-        is_planned.then(|| plan::shortest(&graph, &Routes::new(&graph), options.plan_rounds, options.seed, stop)).flatten();
+    let plan = is_planned.then(|| plan::shortest(&graph, &Routes::new(&graph), settings, seed, stop)).flatten();
     let plan_um = plan.as_ref().map(|plan| plan.length_um);
-    let outcome = lower_bound(&graph, stop, &mut |progress| on_progress(&Progress { plan_um, ..*progress }));
+    let outcome = lower_bound(&graph, settings, stop, &mut |progress| on_progress(&Progress { plan_um, ..*progress }));
     if outcome.bound_um == 0 && outcome.ended == Ended::Stopped {
         return Err(BoundError::Stopped);
     }
@@ -149,38 +133,39 @@ impl Bound {
 }
 
 /// The best certified bound that rows on demand lead to. Each round's bound holds, so that a stop only makes it weaker.
-pub fn lower_bound(graph: &Graph, stop: &StopToken, on_progress: &mut dyn FnMut(&Progress)) -> Outcome {
+pub fn lower_bound(graph: &Graph, settings: &BoundSettings, stop: &StopToken, on_progress: &mut dyn FnMut(&Progress)) -> Outcome {
     let layout = Layout::new(graph);
     let witnesses = Witnesses::new(graph, &layout);
     let most_flights = most_flights(graph);
     let mut program = relaxation::program(graph, &layout, most_flights);
     let fixed_rows = program.rows.len();
-    let mut active = first_columns(graph, &layout);
+    let mut active = first_columns(graph, &layout, settings.first_neighbours as usize);
     let mut best = Outcome { ended: Ended::MostRounds, ..Outcome::default() };
     let (mut effort, mut still) = (Effort::Quick, 0);
-    for round in 1..=MOST_ROUNDS {
+    for round in 1..=settings.most_rounds {
         if stop.is_stopped() {
             return Outcome { ended: Ended::Stopped, ..best };
         }
-        let proposal = program.solve(&active);
+        let proposal = program.solve(&active, settings);
         let certificate = program.certify(&proposal.multipliers);
         let bound_um = certificate.bound.min(longest_certified_um(graph, most_flights));
-        let has_moved = bound_um as f64 > best.bound_um as f64 * (1.0 + STILL);
+        let has_moved = bound_um as f64 > best.bound_um as f64 * (1.0 + settings.still_share);
         best = Outcome { bound_um: bound_um.max(best.bound_um), rounds: round, rows: program.rows.len(), ..best };
         on_progress(&Progress { round, bound_um: best.bound_um, plan_um: None });
 
         let joined = join_columns(&mut active, &certificate.reduced);
-        drop_idle(&mut program, fixed_rows, &proposal);
+        drop_idle(&mut program, fixed_rows, &proposal, settings.idle_m);
         still = if has_moved { 0 } else { still + 1 };
-        let mut broken = cuts::separate(graph, &layout, &witnesses, &proposal.values, effort);
-        if still >= STILL_ROUNDS || broken.is_empty() && joined == 0 {
+        let fraction = Fraction { graph, layout: &layout, values: &proposal.values, settings };
+        let mut broken = cuts::separate(fraction, &witnesses, effort);
+        if still >= settings.still_rounds || broken.is_empty() && joined == 0 {
             if effort == Effort::Sharp {
                 return Outcome { ended: Ended::Still, ..best };
             }
             (effort, still) = (Effort::Sharp, 0);
-            broken = cuts::separate(graph, &layout, &witnesses, &proposal.values, effort);
+            broken = cuts::separate(fraction, &witnesses, effort);
         }
-        add_rows(&mut program.rows, broken);
+        add_rows(&mut program.rows, broken, settings.most_new_rows as usize);
     }
     best
 }
@@ -196,13 +181,13 @@ fn longest_certified_um(graph: &Graph, most_flights: i64) -> i64 {
     if most_flights == 2 { i64::MAX } else { shortest_um * (most_flights + 1) }
 }
 
-/// All variables but edges, and the edges to near neighbours.
-fn first_columns(graph: &Graph, layout: &Layout) -> Vec<bool> {
+/// All variables but edges, and the edges from each waypoint to so many near neighbours.
+fn first_columns(graph: &Graph, layout: &Layout, neighbours: usize) -> Vec<bool> {
     let mut active = vec![true; layout.variables()];
     active[..layout.edges].fill(false);
     for mut incident in graph.incident() {
         incident.sort_by_key(|&e| graph.edges[e].length_um);
-        incident.into_iter().take(FIRST_NEIGHBOURS).for_each(|e| active[e] = true);
+        incident.into_iter().take(neighbours).for_each(|e| active[e] = true);
     }
     active
 }
@@ -216,17 +201,17 @@ fn join_columns(active: &mut [bool], reduced: &[i128]) -> usize {
 }
 
 /// Rows that found themselves without a multiplier go, so that the program stays small.
-fn drop_idle(program: &mut Program, fixed_rows: usize, proposal: &Proposal) {
+fn drop_idle(program: &mut Program, fixed_rows: usize, proposal: &Proposal, idle_m: f64) {
     let mut number = 0;
     program.rows.retain(|row| {
         let r = number;
         number += 1;
         let scale = row.terms.iter().map(|term| term.1.abs()).max().unwrap_or(1) as f64;
-        r < fixed_rows || proposal.multipliers[r] * scale > IDLE_M * MICROMETRES
+        r < fixed_rows || proposal.multipliers[r] * scale > idle_m * MICROMETRES
     });
 }
 
-fn add_rows(rows: &mut Vec<Row>, mut broken: Vec<Broken>) {
+fn add_rows(rows: &mut Vec<Row>, mut broken: Vec<Broken>, most: usize) {
     broken.sort_by(|a, b| b.0.total_cmp(&a.0));
-    rows.extend(broken.into_iter().take(MOST_NEW_ROWS).map(|(_, row)| row));
+    rows.extend(broken.into_iter().take(most).map(|(_, row)| row));
 }

@@ -2,10 +2,12 @@
 
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
+use rayon::prelude::*;
 
 use super::graph::{Graph, add};
 use super::routes::{NO_ROUTE, Routes};
 use crate::coverage::Mask;
+use crate::settings::BoundSettings;
 use crate::stop::StopToken;
 
 /// A walk on the graph that captures enough.
@@ -19,37 +21,26 @@ pub struct Walk {
 /// Stops of a tour: waypoints that the walk must pass; between them it takes the shortest routes, and what their images see counts as well.
 type Stops = Vec<usize>;
 
-/// Share of the length by which a tour may be worse than the one before and still be followed, at first.
-const FIRST_TOLERANCE: f64 = 0.03;
-
-/// Most stops that are taken out at once.
-const MOST_TAKEN: usize = 8;
-
-/// The best walk of so many rounds; `None` when all images together do not capture enough.
-pub fn shortest(graph: &Graph, routes: &Routes, rounds: u32, seed: u64, stop: &StopToken) -> Option<Walk> {
-    let mut tours = Tours { graph, routes, rng: ChaCha8Rng::seed_from_u64(seed), covered: Vec::new(), used: Vec::new(), mark: 0 };
-    let mut current = tours.completed(Vec::new())?;
-    let mut best = current.clone();
-    for round in 0..rounds {
-        if stop.is_stopped() {
-            break;
-        }
-        let Some(candidate) = tours.changed(&current.0) else { continue };
-        let left = 1.0 - f64::from(round) / f64::from(rounds);
-        let tolerated = current.1 as f64 * (1.0 + FIRST_TOLERANCE * left * left * tours.share());
-        if candidate.1 as f64 <= tolerated {
-            current = candidate;
-        }
-        if current.1 < best.1 {
-            best = current.clone();
-        }
-    }
-    Some(tours.walk(&best.0))
+/// The best walk that several searches find, each of as many rounds as the settings ask for; of two equals the first.
+/// `None` when all images together do not capture enough.
+pub fn shortest(graph: &Graph, routes: &Routes, settings: &BoundSettings, seed: u64, stop: &StopToken) -> Option<Walk> {
+    let searched = (0..settings.plan_searches).into_par_iter().map(|number| {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(u64::from(number));
+        let (covered, used, mark) = (Vec::new(), Vec::new(), 0);
+        let mut tours = Tours { graph, routes, settings, rng, covered, used, mark };
+        let first = tours.completed(Vec::new())?;
+        let (stops, _) = tours.rebuilt(first, settings.plan_rounds, stop);
+        Some(tours.walk(&stops))
+    });
+    searched.collect::<Vec<_>>().into_iter().flatten().min_by_key(|walk| walk.length_um)
 }
 
+/// Tours on a graph while a short one is sought.
 struct Tours<'a> {
     graph: &'a Graph,
     routes: &'a Routes,
+    settings: &'a BoundSettings,
     rng: ChaCha8Rng,
     /// Cells that the tour in hand covers, and its waypoints and edges by the mark of the time when they were counted.
     covered: Vec<Mask>,
@@ -58,6 +49,26 @@ struct Tours<'a> {
 }
 
 impl Tours<'_> {
+    /// The best tour of so many rounds in which parts of it are taken out and put in anew.
+    fn rebuilt(&mut self, first: (Stops, i64), rounds: u32, stop: &StopToken) -> (Stops, i64) {
+        let (mut current, mut best) = (first.clone(), first);
+        for round in 0..rounds {
+            if stop.is_stopped() {
+                break;
+            }
+            let Some(candidate) = self.changed(&current.0) else { continue };
+            let left = 1.0 - f64::from(round) / f64::from(rounds);
+            let tolerated = current.1 as f64 * (1.0 + self.settings.plan_tolerance * left * left * self.share());
+            if candidate.1 as f64 <= tolerated {
+                current = candidate;
+            }
+            if current.1 < best.1 {
+                best = current.clone();
+            }
+        }
+        best
+    }
+
     /// A uniform number from 0 to 1.
     fn share(&mut self) -> f64 {
         f64::from(self.rng.next_u32()) / f64::from(u32::MAX)
@@ -70,7 +81,7 @@ impl Tours<'_> {
     /// Takes some stops out, neighbours on the tour or in space, puts others in until it is enough, and takes out what is not needed.
     fn changed(&mut self, stops: &Stops) -> Option<(Stops, i64)> {
         let mut kept = stops.clone();
-        let taken = 1 + self.below(MOST_TAKEN.min(kept.len()));
+        let taken = 1 + self.below((self.settings.plan_taken as usize).min(kept.len()));
         let centre = self.below(kept.len());
         if self.share() < 0.5 {
             let first = centre.min(kept.len() - taken);

@@ -3,6 +3,8 @@
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT};
 
+use crate::settings::BoundSettings;
+
 /// Minimise `costs` times x subject to the rows and 0 <= x <= `upper`.
 #[derive(Clone, Debug, Default)]
 pub struct Program {
@@ -72,7 +74,7 @@ impl Program {
     }
 
     /// Solves the program in the variables that are `active`, the others being 0.
-    pub fn solve(&self, active: &[bool]) -> Proposal {
+    pub fn solve(&self, active: &[bool], settings: &BoundSettings) -> Proposal {
         let variables: Vec<usize> = (0..self.costs.len()).filter(|&j| active[j]).collect();
         let mut place = vec![usize::MAX; self.costs.len()];
         variables.iter().enumerate().for_each(|(k, &j)| place[j] = k);
@@ -98,7 +100,13 @@ impl Program {
 
         let costs: Vec<f64> = variables.iter().map(|&j| self.costs[j] as f64 / UNIT).collect();
         let rows = CscMatrix::new_from_triplets(m + 2 * n, n, at_row, at_column, entries);
-        let settings = DefaultSettings { verbose: false, max_iter: 60, tol_gap_rel: 1e-5, tol_feas: 1e-6, ..Default::default() };
+        let settings = DefaultSettings {
+            verbose: false,
+            max_iter: settings.solver_iterations,
+            tol_gap_rel: settings.solver_gap,
+            tol_feas: settings.solver_feasibility,
+            ..Default::default()
+        };
         let cones = [NonnegativeConeT(m + 2 * n)];
         let mut values = vec![0.0; self.costs.len()];
         let mut multipliers = vec![0.0; m];

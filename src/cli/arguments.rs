@@ -419,12 +419,12 @@ pub struct BoundArgs {
     /// Cameras of the drone: a preset or a rig file
     #[arg(long, value_name = "PRESET|RIG.toml", default_value = "panoramic")]
     pub rig: String,
-    /// Viewpoints of the field that plans may use, spread evenly
-    #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true, value_parser = values::waypoints)]
-    pub waypoints: u32,
-    /// Rounds of the search for a plan on the graph
-    #[arg(long, value_name = "K", default_value_t = 3000, allow_negative_numbers = true, value_parser = values::count)]
-    pub rounds: u32,
+    /// Viewpoints of the field that plans may use, spread evenly [default: the setting bound.waypoints, 100]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = values::waypoints)]
+    pub waypoints: Option<u32>,
+    /// Rounds of the search for a plan on the graph [default: the setting bound.plan_rounds, 3000]
+    #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
+    pub rounds: Option<u32>,
     /// Seed of that search
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::seed)]
     pub seed: u64,

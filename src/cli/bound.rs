@@ -13,7 +13,7 @@ use super::interrupt::Interrupts;
 use super::outputs::Folder;
 use super::progress::Meter;
 use super::{in_process, rig_file, settings_file};
-use crate::bound::{self, Bound, BoundError, BoundOptions, Ended, Progress};
+use crate::bound::{self, Bound, BoundError, Ended, Progress};
 use crate::camera::Cameras;
 use crate::search::Problem;
 use crate::session::FieldError;
@@ -22,8 +22,11 @@ use crate::stop::StopToken;
 pub fn run(arguments: &BoundArgs, form: Form) -> Result<Answer, Failure> {
     let rig = rig_file::read(&arguments.rig)?.rig;
     let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?;
-    let settings = Arc::new(settings.with_sight(rig.sight_scale()));
+    let mut settings = settings.with_sight(rig.sight_scale());
+    settings.bound.waypoints = arguments.waypoints.unwrap_or(settings.bound.waypoints);
+    settings.bound.plan_rounds = arguments.rounds.unwrap_or(settings.bound.plan_rounds);
     settings.check()?;
+    let settings = Arc::new(settings);
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let started = Instant::now();
     let mut meter = Meter::new(form);
@@ -41,8 +44,7 @@ pub fn run(arguments: &BoundArgs, form: Form) -> Result<Answer, Failure> {
     })?;
     let problem = Problem::new(&snapshot, &settings, rig);
     meter.stage("looking for a short plan on the graph");
-    let options = BoundOptions { waypoints: arguments.waypoints as usize, plan_rounds: arguments.rounds, seed: arguments.seed };
-    let bound = bound::bound(&problem, &options, &stop, &mut |progress| meter.stage(&line(progress)))?;
+    let bound = bound::bound(&problem, &settings.bound, arguments.seed, &stop, &mut |progress| meter.stage(&line(progress)))?;
     drop(interrupts);
     drop(meter);
 
@@ -110,7 +112,7 @@ fn text(bound: &Bound, problem: &Problem, statement: &str, total_s: f64) -> Stri
     rows.push(vec!["total, s".to_owned(), format!("{total_s:.1}")]);
     let note = match bound.outcome.ended {
         Ended::Still => "",
-        Ended::MostRounds => "\nthe rounds were used up: more would lift the bound",
+        Ended::MostRounds => "\nthe rounds were used up: more (`bound.most_rounds`) would lift the bound",
         Ended::Stopped => "\nstopped: the bound holds, but more rounds would lift it",
     };
     format!("{}\n{statement}{note}", answer::table(&rows))

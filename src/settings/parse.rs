@@ -81,8 +81,8 @@ impl Settings {
     }
 
     fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
-        let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, refine, quality, baseline, daemon } =
-            self;
+        let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, refine, .. } = self;
+        let Self { quality, baseline, bound, daemon, .. } = self;
         vec![
             ("proxy.storey_height_m", proxy.storey_height_m, 1.0, 20.0),
             ("proxy.default_height_m", proxy.default_height_m, 1.0, 1000.0),
@@ -160,6 +160,27 @@ impl Settings {
             ("baseline.zhou_target", baseline.zhou_target, 0.01, 1000.0),
             ("baseline.zhou_rounds", f64::from(baseline.zhou_rounds), 0.0, 1000.0),
             ("baseline.tour_kicks", f64::from(baseline.tour_kicks), 0.0, 100_000.0),
+            ("bound.waypoints", f64::from(bound.waypoints), 2.0, 1000.0),
+            ("bound.most_sightings", f64::from(bound.most_sightings), 1.0, 1e9),
+            ("bound.most_rounds", f64::from(bound.most_rounds), 1.0, 1e6),
+            ("bound.still_share", bound.still_share, 0.0, 1.0),
+            ("bound.still_rounds", f64::from(bound.still_rounds), 1.0, 1e6),
+            ("bound.most_new_rows", f64::from(bound.most_new_rows), 1.0, 1e6),
+            ("bound.idle_m", bound.idle_m, 0.0, 1000.0),
+            ("bound.least_violation", bound.least_violation, 1e-6, 1.0),
+            ("bound.nested_cuts", f64::from(bound.nested_cuts), 1.0, 1000.0),
+            ("bound.least_visit", bound.least_visit, 1e-6, 1.0),
+            ("bound.first_neighbours", f64::from(bound.first_neighbours), 1.0, 1000.0),
+            ("bound.solver_iterations", f64::from(bound.solver_iterations), 1.0, 10_000.0),
+            ("bound.solver_gap", bound.solver_gap, 1e-12, 0.1),
+            ("bound.solver_feasibility", bound.solver_feasibility, 1e-12, 0.1),
+            ("bound.weighed_images", f64::from(bound.weighed_images), 1.0, 128.0),
+            ("bound.weighed_sets", f64::from(bound.weighed_sets), 1.0, 100_000.0),
+            ("bound.weighing_steps", f64::from(bound.weighing_steps), 1.0, 1e8),
+            ("bound.plan_searches", f64::from(bound.plan_searches), 1.0, 1000.0),
+            ("bound.plan_rounds", f64::from(bound.plan_rounds), 0.0, f64::from(MOST_ITERATIONS)),
+            ("bound.plan_tolerance", bound.plan_tolerance, 0.0, 1.0),
+            ("bound.plan_taken", f64::from(bound.plan_taken), 1.0, 1000.0),
             ("daemon.memory_budget_mb", daemon.memory_budget_mb as f64, 1.0, 1e9),
             ("daemon.max_scene_mb", daemon.max_scene_mb as f64, 1.0, 4096.0),
             ("daemon.threads", f64::from(daemon.threads), 0.0, 1024.0),
@@ -200,6 +221,7 @@ mod tests {
         for (text, named) in [
             ("[surface]\nsample = 77\n", "sample"),
             ("[surface]\nsamples = -1\n", "samples"),
+            ("[bound]\nleast_violation = 0.0\n", "bound.least_violation"),
             ("[flight\n", "line 1"),
             ("[flight]\nsafety_distance_m = nan\n", "flight.safety_distance_m"),
             ("[flight]\nsafety_distance_m = 40.0\n", "field.shell_m"),

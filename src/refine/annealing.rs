@@ -78,6 +78,9 @@ impl Sector {
 /// A sector has at least so many waypoints.
 const LEAST_SECTOR: usize = 8;
 
+/// What a matched sample is worth to begin with, as a share of a captured one: most that are captured are matched as well.
+const MATCHED_SHARE: f64 = 0.1;
+
 /// More samples than this share beyond the demand are far too many.
 const LAVISH_SHARE: f64 = 0.01;
 
@@ -97,7 +100,7 @@ impl<'a> Annealing<'a> {
         let settings = ground.settings;
         let demand = Demand {
             required,
-            prices_ns: Prices { captured: price_ns, matched: price_ns },
+            prices_ns: Prices { captured: price_ns, matched: price_ns * MATCHED_SHARE },
             surplus_share: settings.surplus_share,
             parts_share: settings.parts_share,
         };
@@ -155,7 +158,7 @@ impl<'a> Annealing<'a> {
                 let mut flight = self.flight.clone();
                 let mut splice = Splice::default();
                 for _ in 0..steps {
-                    if moves::propose(ground, &flight, *sector, &mut random, &mut splice) {
+                    if moves::propose(ground, &flight, demand.required, *sector, &mut random, &mut splice) {
                         let most_ns = temperature_ns * exponential(&mut random);
                         flight.attempt(ground, &splice, &demand, most_ns);
                     }

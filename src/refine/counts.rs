@@ -30,11 +30,6 @@ impl Counts {
         Worth { captured: self.cells.countable(), matched: self.matches.countable() }
     }
 
-    /// Whether a sample lacks what it could have.
-    pub fn is_missing(&self, sample: usize) -> bool {
-        self.cells.is_missing(sample) || self.matches.is_missing(sample)
-    }
-
     /// Whether the counters cannot hold so many images more.
     pub fn is_full(&self, more: usize) -> bool {
         self.cells.is_full(more)

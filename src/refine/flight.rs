@@ -94,13 +94,21 @@ impl Flight {
         }
 
         let dropped = Sighted::dropped(waypoints, &draft);
-        dropped.iter().for_each(|sights| counts.remove(sights));
+        dropped.iter().for_each(|sights| counts.cells.remove(sights));
         let mut made = Sighted::made(ground, &draft, Look::Field);
         if counts.is_full(made.iter().map(Sights::images).sum()) {
-            dropped.iter().for_each(|sights| counts.add(sights));
+            dropped.iter().for_each(|sights| counts.cells.add(sights));
             return false;
         }
-        made.iter().for_each(|sights| counts.add(sights));
+        made.iter().for_each(|sights| counts.cells.add(sights));
+        // Most changes fail by their cells alone, whatever would match.
+        if demand.least_shortfall_by_cells_ns(counts) > most_shortfall_ns {
+            made.iter().for_each(|sights| counts.cells.remove(sights));
+            dropped.iter().for_each(|sights| counts.cells.add(sights));
+            return false;
+        }
+        dropped.iter().for_each(|sights| counts.matches.remove(sights));
+        made.iter().for_each(|sights| counts.matches.add(sights));
         if demand.shortfall_ns(counts) <= most_shortfall_ns {
             // The field promises enough. What counts is what the images really see.
             made.iter().for_each(|sights| counts.remove(sights));
@@ -124,6 +132,12 @@ impl Demand {
     pub fn shortfall_ns(&self, counts: &Counts) -> f64 {
         let parts = [counts.cells.missing_samples(), counts.matches.missing_samples()].map(|missing| self.parts_share * missing);
         self.cost_ns(counts.worth(), parts)
+    }
+
+    /// The least that a flight with these covered cells could have.
+    fn least_shortfall_by_cells_ns(&self, counts: &Counts) -> f64 {
+        let worth = Worth { matched: counts.most().matched, ..counts.worth() };
+        self.cost_ns(worth, [self.parts_share * counts.cells.missing_samples(), 0.0])
     }
 
     /// The least that any flight could have.

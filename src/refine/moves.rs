@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_core::Rng;
 
 use super::annealing::Sector;
+use super::counts::Worth;
 use super::draft::{Splice, Stop};
 use super::flight::Flight;
 use super::ground::Ground;
@@ -87,9 +88,16 @@ fn normal(random: &mut ChaCha8Rng) -> Vector3<f64> {
 }
 
 /// Proposes a change within a sector; `false` when the one that was drawn is not possible here.
-pub fn propose(ground: &Ground, flight: &Flight, sector: Sector, random: &mut ChaCha8Rng, splice: &mut Splice) -> bool {
+pub fn propose(
+    ground: &Ground,
+    flight: &Flight,
+    required: Worth,
+    sector: Sector,
+    random: &mut ChaCha8Rng,
+    splice: &mut Splice,
+) -> bool {
     splice.stops.clear();
-    let mut proposal = Proposal { ground, flight, sector, random, splice };
+    let mut proposal = Proposal { ground, flight, required, sector, random, splice };
     let kind = proposal.draw();
     proposal.make(kind).is_some()
 }
@@ -97,6 +105,7 @@ pub fn propose(ground: &Ground, flight: &Flight, sector: Sector, random: &mut Ch
 struct Proposal<'p> {
     ground: &'p Ground<'p>,
     flight: &'p Flight,
+    required: Worth,
     sector: Sector,
     random: &'p mut ChaCha8Rng,
     splice: &'p mut Splice,
@@ -345,13 +354,15 @@ impl Proposal<'_> {
         nearest.map(|(_, k)| k)
     }
 
-    /// A sample that is not captured, or not matched, although it can be.
+    /// A sample that is not captured although it can be; while too few are matched, also one that is not.
     fn missing_sample(&mut self) -> Option<usize> {
         let (wanted, counts) = (&self.ground.wanted, &self.flight.counts);
         if wanted.is_empty() {
             return None;
         }
-        (0..MISSING_TRIES).map(|_| wanted[below(self.random, wanted.len())] as usize).find(|&i| counts.is_missing(i))
+        let is_short = counts.worth().matched < self.required.matched;
+        let is_missing = |&i: &usize| counts.cells.is_missing(i) || is_short && counts.matches.is_missing(i);
+        (0..MISSING_TRIES).map(|_| wanted[below(self.random, wanted.len())] as usize).find(is_missing)
     }
 
     /// A place that the field shows a missing sample from, and a view towards it.

@@ -60,7 +60,8 @@ fn required(ground: &Ground) -> Worth {
 /// What both flights say of themselves.
 fn figures(flight: &Flight, ground: &Ground) -> (u64, Worth, Vec<u32>, Vec<bool>) {
     let cells = ground.wanted.iter().map(|&i| flight.counts.cells.cells(i as usize)).collect();
-    let missing = ground.wanted.iter().map(|&i| flight.counts.is_missing(i as usize)).collect();
+    let is_missing = |i: usize| flight.counts.cells.is_missing(i) || flight.counts.matches.is_missing(i);
+    let missing = ground.wanted.iter().map(|&i| is_missing(i as usize)).collect();
     (flight.duration_ns(), flight.counts.worth(), cells, missing)
 }
 
@@ -72,7 +73,7 @@ fn a_flight_changed_step_by_step_is_the_one_made_anew() {
         let (mut splice, mut made) = (Splice::default(), 0);
         for step in 0..3000 {
             let sector = Sector { head: 0, tail: 0 };
-            if !moves::propose(ground, &flight, sector, &mut random, &mut splice) {
+            if !moves::propose(ground, &flight, required(ground), sector, &mut random, &mut splice) {
                 continue;
             }
             let before = (step % 100 == 0).then(|| figures(&flight, ground));

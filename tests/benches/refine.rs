@@ -11,13 +11,16 @@ use std::sync::{Arc, LazyLock, OnceLock};
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use overfly::camera::{Pose, Rig};
-use overfly::refine::{Aim, Annealing, Ground};
+use overfly::refine::{Aim, Annealing, Ground, Worth};
 use overfly::scene::{Scene, generate_block, ny1_size, read};
 use overfly::search::{Problem, search};
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
 use overfly::stop::StopToken;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// As the default goal for coverage.
+const MATCHED_PERCENT: f64 = 95.0;
 
 const RIGS: [&str; 3] = ["phantom4-rtk", "m300-oblique", "panoramic"];
 
@@ -86,12 +89,13 @@ fn town(settings: &Settings) -> Scene {
 fn warm_path(stage: &Stage) -> Vec<Pose> {
     let problem = stage.problem();
     let stop = StopToken::default();
-    let first =
-        (0..problem.field.viewpoints.len()).max_by_key(|&j| problem.capturable_seen_from(j).count()).expect("a viewpoint");
+    let first = (0..problem.field.viewpoints.len())
+        .max_by_key(|&j| problem.seen_from(j).filter(|&i| problem.is_capturable(i)).count())
+        .expect("a viewpoint");
     let start = Pose { position: problem.field.viewpoints[first].position_m.into(), direction: problem.rig.pose_directions()[0] };
     let iterations = stage.settings.refine.tree_iterations;
     let tree = search(&problem, start, iterations, 1, &stop, &|_| 0, &mut |_| {}).expect("the town can be flown");
-    let ground = Ground::new(&problem, &stage.settings, false);
+    let ground = Ground::new(&problem, &stage.settings, false, true);
     let mut annealing = Annealing::new(&ground, &tree.path, aim(&problem), 1);
     let [first, last] = TEMPERATURES_NS;
     for round in 0..WARM_UP {
@@ -101,7 +105,7 @@ fn warm_path(stage: &Stage) -> Vec<Pose> {
 }
 
 fn aim(problem: &Problem) -> Aim {
-    Aim::LeastTime { required: problem.sufficient }
+    Aim::LeastTime { required: Worth { captured: problem.sufficient, matched: problem.enough_matched(MATCHED_PERCENT) } }
 }
 
 /// Items are changes as they are drawn; some are given up before anything is looked at, because they are not possible at that waypoint.
@@ -109,7 +113,7 @@ fn aim(problem: &Problem) -> Aim {
 fn tried_changes(bencher: Bencher, rig: &str) {
     let stage = stage(rig);
     let problem = stage.problem();
-    let ground = Ground::new(&problem, &stage.settings, false);
+    let ground = Ground::new(&problem, &stage.settings, false, true);
     let seed = AtomicU64::new(1);
     bencher
         .with_inputs(|| Annealing::new(&ground, &stage.path, aim(&problem), seed.fetch_add(1, Ordering::Relaxed)))
@@ -123,7 +127,7 @@ fn tried_changes(bencher: Bencher, rig: &str) {
 fn flights_from_nothing(bencher: Bencher, rig: &str) {
     let stage = stage(rig);
     let problem = stage.problem();
-    let ground = Ground::new(&problem, &stage.settings, false);
+    let ground = Ground::new(&problem, &stage.settings, false, true);
     bencher
         .counter(ItemsCount::new(1u32))
         .bench_local(|| ONE_CORE.install(|| Annealing::new(&ground, &stage.path, aim(&problem), 1).best().duration_ns));

@@ -437,19 +437,19 @@ fn a_refined_plan_keeps_what_is_asked_of_it_and_repeats_itself_from_its_rounds()
     let sizes = ["--samples", "200", "--viewpoints", "300"];
     let plan = |words: &[&str]| place.json(&[&["plan", &scene, "--rig", "phantom4-rtk"], &sizes[..], words].concat());
 
-    let whole = plan(&["--iterations", "40", "--coverage", "70"]);
+    let whole = plan(&["--iterations", "160", "--coverage", "70"]);
     assert_eq!((&whole["method"], &whole["goal_percent"]), (&"refined".into(), &70.0.into()));
     assert!(whole["goal_reached"] == true && whole["coverage_percent"].as_f64().unwrap() >= 70.0, "{whole}");
 
     // A flight of half the time captures less, and keeps its time.
     let half_s = (whole["profile_s"].as_f64().unwrap() / 2.0).to_string();
-    let short = plan(&["--iterations", "60", "--max-time", &half_s]);
+    let short = plan(&["--iterations", "240", "--max-time", &half_s]);
     assert!(short["profile_s"].as_f64().unwrap() <= half_s.parse().unwrap(), "{short}");
     let captured = |plan: &Value| plan["coverage_percent"].as_f64().unwrap();
     assert!(captured(&short) < captured(&whole) && captured(&short) > 20.0, "{short}");
 
     // Half of the scene has fewer samples to capture, and a shorter flight.
-    let west = plan(&["--iterations", "40", "--coverage", "70", "--region", "-500,-500 0,-500 0,500 -500,500"]);
+    let west = plan(&["--iterations", "160", "--coverage", "70", "--region", "-500,-500 0,-500 0,500 -500,500"]);
     assert!(west["capturable_percent"].as_f64().unwrap() < 0.8 * whole["capturable_percent"].as_f64().unwrap());
     assert!(west["profile_s"].as_f64().unwrap() < whole["profile_s"].as_f64().unwrap(), "{west}");
 

@@ -33,14 +33,14 @@ fn at_the_coverage_of_the_tree_the_refined_flight_takes_a_fraction_of_its_time()
         let refined = flown(
             &snapshot,
             &settings,
-            &PlanOptions { goal_percent: Some(goal_percent), ..refined(rig, 60) },
+            &PlanOptions { goal_percent: Some(goal_percent), ..refined(rig, 240) },
             &StopToken::default(),
         );
         assert_eq!(refined.stop, StopReason::GoalReached, "{rig}");
         assert!(refined.metrics.coverage_percent >= goal_percent, "{rig}: {:?}", refined.metrics);
         let ratio = refined.metrics.profile_s / tree.metrics.profile_s;
         assert!(ratio < 0.7, "{rig}: {ratio} of {:?}", tree.metrics);
-        assert_eq!(refined.convergence.len(), 60);
+        assert_eq!(refined.convergence.len(), 240);
     }
 }
 
@@ -71,7 +71,7 @@ fn the_wanted_share_of_the_surface_is_seen_in_three_views_that_match() {
     for (rig, goals) in [("phantom4-rtk", [30.0, 80.0]), ("m300-oblique", [60.0, 95.0])] {
         let mut times_s = Vec::new();
         for goal_percent in goals {
-            let options = PlanOptions { goal_percent: Some(0.0), matched_percent: Some(goal_percent), ..refined(rig, 40) };
+            let options = PlanOptions { goal_percent: Some(0.0), matched_percent: Some(goal_percent), ..refined(rig, 160) };
             let plan = flown(&snapshot, &settings, &options, &StopToken::default());
             let metrics = &plan.metrics;
             assert_eq!((plan.stop, plan.matched_goal_percent), (StopReason::GoalReached, goal_percent), "{rig}: {metrics:?}");
@@ -127,7 +127,7 @@ fn only_what_lies_in_the_region_counts() {
     let settings = small_settings();
     let snapshot = snapshot(&session(small_block(6), &settings));
     let region_m = Some(vec![[-200.0, -200.0], [0.0, -200.0], [0.0, 200.0], [-200.0, 200.0]]);
-    let west = flown(&snapshot, &settings, &PlanOptions { region_m, ..refined("panoramic", 40) }, &StopToken::default());
+    let west = flown(&snapshot, &settings, &PlanOptions { region_m, ..refined("panoramic", 160) }, &StopToken::default());
     let field = snapshot.field();
     let threshold = field.facts.threshold_cells;
     for (i, row) in field.samples.iter().enumerate() {
@@ -148,8 +148,8 @@ fn a_sampling_distance_brings_the_images_near() {
     let near_m = gsd_m / rig.pixel_rad(0);
     assert!(near_m < 0.5 * settings.coverage.range_m);
     let near =
-        flown(&snapshot, &settings, &PlanOptions { gsd_m: Some(gsd_m), ..refined("phantom4-rtk", 40) }, &StopToken::default());
-    let far = flown(&snapshot, &settings, &refined("phantom4-rtk", 40), &StopToken::default());
+        flown(&snapshot, &settings, &PlanOptions { gsd_m: Some(gsd_m), ..refined("phantom4-rtk", 160) }, &StopToken::default());
+    let far = flown(&snapshot, &settings, &refined("phantom4-rtk", 160), &StopToken::default());
     assert!(near.metrics.capturable_percent < far.metrics.capturable_percent && near.metrics.coverage_percent > 50.0);
     // What is covered is covered from near by.
     let field = snapshot.field();

@@ -169,9 +169,9 @@ fn real_scene_nihonbashi_by_a_camera_on_a_gimbal() {
 #[test]
 fn real_scene_refined_flights_reach_their_goals() {
     for (file, rig, rounds, goal_percent) in [
-        ("delfshaven/delfshaven.city.json", "phantom4-rtk", 40, 70.0),
-        ("delfshaven/delfshaven.city.json", "m300-oblique", 40, 50.0),
-        ("nihonbashi/buildings.geojson", "phantom4-rtk", 60, 60.0),
+        ("delfshaven/delfshaven.city.json", "phantom4-rtk", 160, 70.0),
+        ("delfshaven/delfshaven.city.json", "m300-oblique", 160, 50.0),
+        ("nihonbashi/buildings.geojson", "phantom4-rtk", 240, 60.0),
     ] {
         let options = PlanOptions { method: Method::Refined, goal_percent: Some(goal_percent), ..rig_options(rig, 1, rounds) };
         let plan = check_flight(file, &options, goal_percent);

@@ -48,7 +48,7 @@ pub const MOST_SEEDS: u32 = 100;
 const QUICK: [u32; 5] = [150, 200, 30, 400, 5];
 
 /// Rounds of a refined flight, whatever the settings say: the usual number is one that a user waits for.
-const REFINED_ROUNDS: u32 = 400;
+const REFINED_ROUNDS: u32 = 1600;
 const QUICK_ROUNDS: u32 = 6;
 
 /// A table or figure that can be asked for alone.

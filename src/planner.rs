@@ -6,7 +6,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use crate::baseline::{self, BaselineError};
 use crate::camera::{Cameras, Pose, Rig, pitch_rad};
 use crate::field::Snapshot;
-use crate::refine::{self, Aim, Budget, Confirmed, Ground, Task, Worth};
+use crate::refine::{self, Aim, Budget, Confirmed, Counting, Ground, Task, Worth};
 use crate::scene::free_space::Obstruction;
 use crate::search::objective::PathSums;
 use crate::search::{Outcome, Problem, SearchError, Wanted, search};
@@ -38,6 +38,8 @@ pub struct PlanOptions {
     pub budget_s: Option<f64>,
     /// Coverage goal G, percent of the capturable samples; `None` takes the setting.
     pub goal_percent: Option<f64>,
+    /// What the refinement is for.
+    pub objective: Objective,
     /// For the refinement: share of the samples that can have enough matched views (`quality.least_views`) that are to have them, percent; `None`
     /// takes the coverage goal, 0 asks for none.
     pub matched_percent: Option<f64>,
@@ -63,6 +65,7 @@ impl PlanOptions {
             iterations: None,
             budget_s: None,
             goal_percent: None,
+            objective: Objective::Time,
             matched_percent: None,
             within_s: None,
             gsd_m: None,
@@ -95,6 +98,10 @@ impl PlanOptions {
                 return Err(PlanError::Goal { goal_percent });
             }
         }
+        let has_goal = self.goal_percent.or(self.matched_percent).or(self.within_s).is_some();
+        if self.objective == Objective::Eq6 && (self.method != Method::Refined || has_goal) {
+            return Err(PlanError::Eq6);
+        }
         if self.matched_percent.is_some() && self.method != Method::Refined {
             return Err(PlanError::NoMatches { method: self.method.name() });
         }
@@ -121,6 +128,35 @@ impl PlanOptions {
         let region = Polygon::new(ring, Vec::new());
         let is_area = corners.iter().flatten().all(|v| v.is_finite()) && region.is_valid() && region.unsigned_area() > 0.0;
         if is_area { Ok(Some(region)) } else { Err(PlanError::Region) }
+    }
+}
+
+/// What a flight is refined for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Objective {
+    /// The least time of the speed profile at the goals, or the most coverage within a time.
+    #[default]
+    Time,
+    /// The most of the paper's objective (Eq. 6), which has no goals: it weighs information against length and turning.
+    Eq6,
+}
+
+impl Objective {
+    pub const ALL: [Self; 2] = [Self::Time, Self::Eq6];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Time => "time",
+            Self::Eq6 => "eq6",
+        }
+    }
+
+    /// The objective called `name`.
+    pub fn parse(name: &str) -> Result<Self, PlanError> {
+        Self::ALL
+            .into_iter()
+            .find(|objective| objective.name() == name)
+            .ok_or_else(|| PlanError::UnknownObjective(name.to_owned()))
     }
 }
 
@@ -191,6 +227,10 @@ pub enum PlanError {
     NoClock,
     #[error("give either iterations or seconds for the search, and either a coverage goal or a time for the flight")]
     Twofold,
+    #[error("there is no objective {0:?}; known objectives: time, eq6")]
+    UnknownObjective(String),
+    #[error("the objective \"eq6\" is for the method \"refined\" alone, and has no goals and no time for the flight")]
+    Eq6,
     #[error("the method {method:?} plans for no matched views; the method \"refined\" does")]
     NoMatches { method: &'static str },
     #[error("a goal of {goal_percent} % will not do; give 0 to 100")]
@@ -301,8 +341,8 @@ fn with_goal(settings: &Settings, goal_percent: Option<f64>) -> Settings {
 
 /// The goal for matched samples, percent; 0 for methods and plans that have none.
 fn matched_goal_percent(settings: &Settings, options: &PlanOptions) -> f64 {
-    match (options.method, options.within_s) {
-        (Method::Refined, None) => options.matched_percent.unwrap_or(settings.coverage.goal_percent),
+    match (options.method, options.objective, options.within_s) {
+        (Method::Refined, Objective::Time, None) => options.matched_percent.unwrap_or(settings.coverage.goal_percent),
         _ => 0.0,
     }
 }
@@ -349,11 +389,15 @@ fn refined(
         return Ok(Found::of(tree, problem));
     }
     let matched = problem.enough_matched(matched_goal_percent(settings, options));
-    let ground = Ground::new(problem, settings, options.start_m.is_some(), matched > 0);
-    let aim = match options.within_s {
-        Some(within_s) => Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 },
-        None => Aim::LeastTime { required: Worth { captured: problem.sufficient, matched } },
+    let (aim, counting) = match (options.objective, options.within_s) {
+        (Objective::Eq6, _) => (Aim::MostObjective, Counting::Everything),
+        (Objective::Time, Some(within_s)) => (Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 }, Counting::Captured),
+        (Objective::Time, None) => {
+            let counting = if matched > 0 { Counting::Matched } else { Counting::Captured };
+            (Aim::LeastTime { required: Worth { captured: problem.sufficient, matched } }, counting)
+        }
     };
+    let ground = Ground::new(problem, settings, options.start_m.is_some(), counting);
     let task = Task { aim, budget, seed: options.seed };
     let outcome = refine::refine(&ground, &tree.path, &task, stop, &confirm, on_progress);
     if let Some(within_s) = options.within_s {

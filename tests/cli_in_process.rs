@@ -448,6 +448,11 @@ fn a_refined_plan_keeps_what_is_asked_of_it_and_repeats_itself_from_its_rounds()
     let captured = |plan: &Value| plan["coverage_percent"].as_f64().unwrap();
     assert!(captured(&short) < captured(&whole) && captured(&short) > 20.0, "{short}");
 
+    // The paper's objective has no goals, and lacks none.
+    let eq6 = place.run(&[&["plan", &scene, "--iterations", "20", "--objective", "eq6"], &sizes[..]].concat());
+    assert!(eq6.status.success() && !stderr(&eq6).contains("the goal is"), "{}", stderr(&eq6));
+    place.fails(6, "no_plan", &["plan", &scene, "--objective", "eq6", "--coverage", "50"]);
+
     // Half of the scene has fewer samples to capture, and a shorter flight.
     let west = plan(&["--iterations", "160", "--coverage", "70", "--region", "-500,-500 0,-500 0,500 -500,500"]);
     assert!(west["capturable_percent"].as_f64().unwrap() < 0.8 * whole["capturable_percent"].as_f64().unwrap());

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use overfly::camera::{Rig, View};
 use overfly::coverage::SampleFrame;
-use overfly::planner::{Method, PlanError, PlanOptions, StopToken, plan};
+use overfly::planner::{Method, Objective, PlanError, PlanOptions, StopToken, plan};
 use overfly::search::Problem;
 use overfly::session::Snapshot;
 use overfly::settings::Settings;
@@ -88,6 +88,29 @@ fn the_wanted_share_of_the_surface_is_seen_in_three_views_that_match() {
     for wrong in [-1.0, 100.5, f64::NAN] {
         let options = PlanOptions { matched_percent: Some(wrong), ..refined("panoramic", 10) };
         assert!(matches!(options.check(), Err(PlanError::Goal { .. })), "{wrong}");
+    }
+}
+
+#[test]
+fn a_flight_refined_for_the_paper_s_objective_has_more_of_it_than_the_tree_s() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(6), &settings));
+    for rig in ["panoramic", "phantom4-rtk"] {
+        let tree = PlanOptions { method: Method::Paper, ..refined(rig, 400) };
+        // A goal that ends no search: the tree goes on for its objective.
+        let tree = PlanOptions { goal_percent: Some(100.0), ..tree };
+        let tree = flown(&snapshot, &settings, &tree, &StopToken::default());
+        let eq6 = PlanOptions { objective: Objective::Eq6, ..refined(rig, 160) };
+        let eq6 = flown(&snapshot, &settings, &eq6, &StopToken::default());
+        assert!(eq6.metrics.objective > tree.metrics.objective, "{rig}: {:?} against {:?}", eq6.metrics, tree.metrics);
+        assert_eq!((eq6.stop, eq6.matched_goal_percent), (StopReason::IterationsUsed, 0.0));
+    }
+    for wrong in [
+        PlanOptions { method: Method::Paper, ..refined("panoramic", 10) },
+        PlanOptions { goal_percent: Some(50.0), ..refined("panoramic", 10) },
+        PlanOptions { within_s: Some(50.0), ..refined("panoramic", 10) },
+    ] {
+        assert_eq!(PlanOptions { objective: Objective::Eq6, ..wrong }.check(), Err(PlanError::Eq6));
     }
 }
 

@@ -236,6 +236,10 @@ pub struct OrderArgs {
     /// degrees of parallax), percent; 0 asks for none [default: the coverage goal]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = values::percent)]
     pub matched: Option<f64>,
+    /// What `refined` improves the flight for: `time` (the least time at the goals) or `eq6` (the most of the paper's objective of
+    /// information, efficiency and turning, without goals)
+    #[arg(long, value_name = "NAME", default_value = "time", value_parser = ["time", "eq6"])]
+    pub objective: String,
     /// For `refined`, in place of a goal: the most coverage within this flight time, s
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, conflicts_with_all = ["coverage", "matched"], value_parser = values::seconds)]
     pub max_time: Option<f64>,

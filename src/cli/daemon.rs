@@ -40,6 +40,7 @@ pub fn order(order: &OrderArgs, given: &GivenRig) -> overfly_client::PlanOrder {
         iterations: order.iterations,
         budget_s: order.budget,
         goal_percent: order.coverage,
+        objective: order.objective.clone(),
         matched_percent: order.matched,
         within_s: order.max_time,
         gsd_m: order.gsd,

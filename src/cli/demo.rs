@@ -69,7 +69,7 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     let mut files = daemon::write(client, folder, &FileNames::of_plan(), &flight)?.0;
 
     let command = format!("overfly plan {}", folder.join("scene.geojson").display());
-    plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), None, form);
+    plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), true, form);
 
     let raised = building_to_raise(client, &loaded.scene)?;
     let edit_started = Instant::now();

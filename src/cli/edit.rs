@@ -68,7 +68,7 @@ fn receive(client: &Client, arguments: &EditArgs, edited: &Edited, started: Inst
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
     let command = plan::command(&arguments.scene, &plan.rig);
-    plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), None, form);
+    plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), true, form);
     Ok(plan::answer(&flight, &files, asked))
 }
 

@@ -12,7 +12,7 @@ use super::bounded_file;
 use super::failure::Failure;
 use super::progress::Meter;
 use crate::camera::{Rig, direction_of};
-use crate::planner::{self, Method, PlanOptions, StopToken};
+use crate::planner::{self, Method, Objective, PlanOptions, StopToken};
 use crate::scene::{self, ImportReport, Scene};
 use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
@@ -98,6 +98,7 @@ pub fn options(order: &OrderArgs, rig: &Rig) -> Result<PlanOptions, Failure> {
         iterations: order.iterations,
         budget_s: order.budget,
         goal_percent: order.coverage,
+        objective: Objective::parse(&order.objective)?,
         matched_percent: order.matched,
         within_s: order.max_time,
         gsd_m: order.gsd,

@@ -16,7 +16,7 @@ use super::rig_file::GivenRig;
 use super::shortfall::{self, Heights};
 use super::{daemon, import_lines, in_process, rig_file, settings_file};
 use crate::mission::run_json::Engine;
-use crate::planner::{self, PlanOptions, StopToken};
+use crate::planner::{self, Objective, PlanOptions, StopToken};
 use crate::trajectory::plan::StopReason;
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
@@ -68,7 +68,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
         None => Vec::new(),
     };
     let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
-    remark_shortfall(&flight, &again(arguments), Some(&heights), arguments.order.max_time, form);
+    remark_shortfall(&flight, &again(arguments), Some(&heights), has_goal(arguments), form);
     Ok(answer(&flight, &files, asked))
 }
 
@@ -92,7 +92,7 @@ fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Ans
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
-    remark_shortfall(&flight, &again(arguments), daemon::heights(&client, &plan).as_ref(), arguments.order.max_time, form);
+    remark_shortfall(&flight, &again(arguments), daemon::heights(&client, &plan).as_ref(), has_goal(arguments), form);
     Ok(answer(&flight, &files, asked))
 }
 
@@ -143,9 +143,14 @@ pub fn answer(flight: &Flight, files: &[std::path::PathBuf], asked: Option<u32>)
     Answer { text, json: outputs::figures_json(flight, files) }
 }
 
-/// Says what a plan lacks, if anything; a plan of the most coverage `within_s` lacks no goal.
-pub fn remark_shortfall(flight: &Flight, command: &str, heights: Option<&Heights>, within_s: Option<f64>, form: Form) {
-    if let Some(note) = shortfall::note(flight.plan, command, heights, within_s.is_none()) {
+/// Whether a coverage was asked for, and not the most within a time or of the objective.
+fn has_goal(arguments: &PlanArgs) -> bool {
+    arguments.order.max_time.is_none() && arguments.order.objective == Objective::Time.name()
+}
+
+/// Says what a plan lacks, if anything; one that was asked for no coverage lacks none.
+pub fn remark_shortfall(flight: &Flight, command: &str, heights: Option<&Heights>, has_goal: bool, form: Form) {
+    if let Some(note) = shortfall::note(flight.plan, command, heights, has_goal) {
         form.remark(&note);
     }
 }
@@ -160,6 +165,7 @@ fn order_json(order: &OrderArgs, given: &GivenRig) -> Value {
         "budget_s": order.budget,
         "goal_percent": order.coverage,
         "matched_percent": order.matched,
+        "objective": order.objective,
         "within_s": order.max_time,
         "gsd_m": order.gsd,
         "region_m": order.region.as_ref().map(|region| &region.0),

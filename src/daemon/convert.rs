@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use overfly_wire::{EditOrder, PlanOrder, Refusal, RefusalCode};
 
 use crate::camera::{Rig, direction_of};
-use crate::planner::{Method, PlanOptions};
+use crate::planner::{Method, Objective, PlanOptions};
 use crate::scene::edit::{Edit, EditError};
 use crate::scene::{Scene, StructureId};
 
@@ -27,6 +27,7 @@ pub fn plan_options(order: &PlanOrder) -> Result<PlanOptions, Refusal> {
         iterations: order.iterations,
         budget_s: order.budget_s,
         goal_percent: order.goal_percent,
+        objective: Objective::parse(&order.objective).map_err(|error| refusal(&error))?,
         matched_percent: order.matched_percent,
         within_s: order.within_s,
         gsd_m: order.gsd_m,

@@ -11,20 +11,27 @@ use rand_core::SeedableRng;
 use rayon::prelude::*;
 
 use super::Confirmed;
+use super::cells::Totals;
 use super::counts::Worth;
 use super::draft::Splice;
-use super::flight::{Demand, Flight, Prices};
+use super::flight::{Demand, Flight, Prices, Pursuit};
 use super::ground::Ground;
 use super::moves::{self, exponential};
 use crate::camera::Pose;
 use crate::search::Iteration;
 use crate::search::objective::PathSums;
 
-/// What is wanted: the least time at a coverage, or the most coverage within a time.
+/// What is wanted: the least time at a coverage, the most coverage within a time, or the most of the paper's objective.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aim {
-    LeastTime { required: Worth },
-    MostCoverage { within_ns: u64 },
+    LeastTime {
+        required: Worth,
+    },
+    MostCoverage {
+        within_ns: u64,
+    },
+    /// Eq. 6, whatever it covers and takes.
+    MostObjective,
 }
 
 impl Aim {
@@ -33,6 +40,7 @@ impl Aim {
         match *self {
             Self::LeastTime { required } => really.worth.is_enough(required),
             Self::MostCoverage { within_ns } => really.duration_s * 1e9 <= within_ns as f64,
+            Self::MostObjective => true,
         }
     }
 }
@@ -94,6 +102,7 @@ impl<'a> Annealing<'a> {
         let (required, within_ns) = match aim {
             Aim::LeastTime { required } => (required, u64::MAX),
             Aim::MostCoverage { within_ns } => (flight.counts.most(), within_ns),
+            Aim::MostObjective => (Worth::default(), u64::MAX),
         };
         let price_ns =
             (flight.duration_ns() as f64 / f64::from(flight.counts.worth().captured.max(1))).clamp(PRICES_NS.0, PRICES_NS.1);
@@ -104,7 +113,7 @@ impl<'a> Annealing<'a> {
             surplus_share: settings.surplus_share,
             parts_share: settings.parts_share,
         };
-        let record = Iteration { objective: 0.0, coverage_percent: 0.0, length_m: 0.0, turning_s: 0.0 };
+        let record = Iteration { objective: f64::NEG_INFINITY, coverage_percent: 0.0, length_m: 0.0, turning_s: 0.0 };
         let best = Best { path: path.to_vec(), worth: Worth::default(), duration_ns: u64::MAX, record };
         let mut annealing = Self { ground, aim, within_ns, seed, flight, demand, best, rounds: 0, tried: 0 };
         annealing.keep_best();
@@ -134,20 +143,26 @@ impl<'a> Annealing<'a> {
                 let longer_ns = ((really.duration_s * 1e9) as u64).saturating_sub(self.best.duration_ns);
                 self.within_ns = within_ns.saturating_sub(longer_ns);
             }
+            // What it really covers changes nothing about what is wanted.
+            Aim::MostObjective => return,
         }
         self.flight = Flight::new(self.ground, &self.best.path);
         self.best.duration_ns = u64::MAX;
         self.keep_best();
     }
 
-    /// The best flight so far; information is that of the capturable samples.
+    /// The best flight so far.
     pub fn record(&self) -> Iteration {
         self.best.record
     }
 
     /// One round at a temperature: how much worse a change may make the flight, ns, on average.
     pub fn round(&mut self, temperature_ns: f64) {
-        let (ground, demand, steps) = (self.ground, self.demand, self.ground.settings.round_moves);
+        let (ground, required, steps) = (self.ground, self.demand.required, self.ground.settings.round_moves);
+        let pursuit = match self.aim {
+            Aim::MostObjective => Pursuit::Objective(&ground.problem.objective),
+            _ => Pursuit::Time(self.demand),
+        };
         let sectors = self.sectors();
         let flights: Vec<Flight> = sectors
             .par_iter()
@@ -158,9 +173,9 @@ impl<'a> Annealing<'a> {
                 let mut flight = self.flight.clone();
                 let mut splice = Splice::default();
                 for _ in 0..steps {
-                    if moves::propose(ground, &flight, demand.required, *sector, &mut random, &mut splice) {
+                    if moves::propose(ground, &flight, required, *sector, &mut random, &mut splice) {
                         let most_ns = temperature_ns * exponential(&mut random);
-                        flight.attempt(ground, &splice, &demand, most_ns);
+                        flight.attempt(ground, &splice, &pursuit, most_ns);
                     }
                 }
                 flight
@@ -198,7 +213,7 @@ impl<'a> Annealing<'a> {
                 Aim::LeastTime { .. } => {
                     (worth < required, f64::from(worth.saturating_sub(required)) > LAVISH_SHARE * f64::from(most))
                 }
-                Aim::MostCoverage { .. } => (is_early, false),
+                Aim::MostCoverage { .. } | Aim::MostObjective => (is_early, false),
             };
             let factor = match (is_short, is_lavish) {
                 (true, _) => settings.price_rise,
@@ -227,20 +242,23 @@ impl<'a> Annealing<'a> {
                 (excess_ns(best.duration_ns), worth.sum(), best.duration_ns)
                     > (excess_ns(duration_ns), best.worth.sum(), duration_ns)
             }
+            Aim::MostObjective => self.present().objective > best.record.objective,
         };
         if is_better {
-            let path = self.flight.path();
-            let problem = self.ground.problem;
-            let cells = |i: &u32| u64::from(self.flight.counts.cells.cells(*i as usize)) * problem.areas_mm2[*i as usize];
-            let information = self.ground.capturable.iter().map(cells).sum();
-            let sums = PathSums { information, ..problem.objective.travel(&path) };
-            let record = Iteration {
-                objective: problem.objective.value(&sums),
-                coverage_percent: problem.coverage_percent(worth.captured),
-                length_m: sums.length_m,
-                turning_s: sums.turning_s,
-            };
-            self.best = Best { path, worth, duration_ns, record };
+            self.best = Best { path: self.flight.path(), worth, duration_ns, record: self.present() };
+        }
+    }
+
+    /// The flight as it is; information is that of the samples that are looked at.
+    fn present(&self) -> Iteration {
+        let problem = self.ground.problem;
+        let Totals { information, captured, .. } = self.flight.counts.cells.totals();
+        let sums = PathSums { information, ..problem.objective.travel(&self.flight.path()) };
+        Iteration {
+            objective: problem.objective.value(&sums),
+            coverage_percent: problem.coverage_percent(captured),
+            length_m: sums.length_m,
+            turning_s: sums.turning_s,
         }
     }
 }

@@ -1,9 +1,11 @@
 //! How often each hemisphere cell of each sample is covered, so that views can be taken away again.
 
+use std::sync::Arc;
+
 use multiversion::multiversion;
 
 use super::sights::Sights;
-use crate::coverage::Mask;
+use crate::coverage::{Information, Mask};
 
 /// Counters of all cells of all samples with what they add up to.
 #[derive(Clone, Debug)]
@@ -11,6 +13,7 @@ pub struct CellCounts {
     samples: Vec<SampleCounts>,
     /// Cells that a sample must exceed; no number of cells exceeds that of a sample that does not count.
     thresholds: Vec<u32>,
+    areas_mm2: Arc<[u64]>,
     totals: Totals,
     /// Samples that count, and the cells that all of them need.
     countable: u32,
@@ -25,6 +28,8 @@ pub struct Totals {
     pub captured: u32,
     /// Covered cells of the samples that count, up to one more than their thresholds.
     pub cells: u32,
+    /// Covered cells of all samples, by area (Eq. 2).
+    pub information: Information,
 }
 
 /// The counters of one sample, bit-sliced: bit c of plane k is bit k of the number of views that cover cell c. Adding a view ripples a
@@ -45,13 +50,13 @@ const PLANES: usize = 14;
 const MOST_IMAGES: usize = (1 << PLANES) - 1;
 
 impl CellCounts {
-    /// `thresholds` in cells, by sample.
-    pub fn new(thresholds: Vec<u32>) -> Self {
+    /// `thresholds` in cells, by sample, and the area that each stands for.
+    pub fn new(thresholds: Vec<u32>, areas_mm2: Arc<[u64]>) -> Self {
         let samples = vec![SampleCounts::default(); thresholds.len()];
         let wanted = |threshold: &u32| counted(Mask::BITS, *threshold);
         let countable = thresholds.iter().filter(|threshold| wanted(threshold) > 0).count() as u32;
         let wanted_cells = thresholds.iter().map(wanted).sum();
-        Self { samples, thresholds, totals: Totals::default(), countable, wanted_cells, images: 0 }
+        Self { samples, thresholds, areas_mm2, totals: Totals::default(), countable, wanted_cells, images: 0 }
     }
 
     /// Samples that count.
@@ -63,6 +68,11 @@ impl CellCounts {
     pub fn missing_samples(&self) -> f64 {
         let of_sample = f64::from(self.wanted_cells) / f64::from(self.countable.max(1));
         f64::from(self.wanted_cells - self.totals.cells) / of_sample.max(1.0)
+    }
+
+    /// Every cell of every sample.
+    pub fn most_information(&self) -> Information {
+        self.areas_mm2.iter().map(|area_mm2| area_mm2 * u64::from(Mask::BITS)).sum()
     }
 
     pub fn totals(&self) -> Totals {
@@ -87,18 +97,18 @@ impl CellCounts {
     /// Adds what images see.
     pub fn add(&mut self, seen: &Sights) {
         self.images += seen.images();
-        add_kernel(&mut self.samples, &self.thresholds, &mut self.totals, seen);
+        add_kernel(&mut self.samples, &self.thresholds, &self.areas_mm2, &mut self.totals, seen);
     }
 
     /// Takes away what was added before.
     pub fn remove(&mut self, seen: &Sights) {
         self.images -= seen.images();
-        remove_kernel(&mut self.samples, &self.thresholds, &mut self.totals, seen);
+        remove_kernel(&mut self.samples, &self.thresholds, &self.areas_mm2, &mut self.totals, seen);
     }
 }
 
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+popcnt", "x86_64+popcnt", "aarch64+neon"))]
-fn add_kernel(samples: &mut [SampleCounts], thresholds: &[u32], totals: &mut Totals, seen: &Sights) {
+fn add_kernel(samples: &mut [SampleCounts], thresholds: &[u32], areas_mm2: &[u64], totals: &mut Totals, seen: &Sights) {
     for (i, mask) in seen.masks() {
         let counts = &mut samples[i];
         let (mut carry, mut k) = (mask, 0);
@@ -112,13 +122,13 @@ fn add_kernel(samples: &mut [SampleCounts], thresholds: &[u32], totals: &mut Tot
         let before = counts.covered;
         counts.covered |= mask;
         if counts.covered != before {
-            totals.change(before, counts.covered, thresholds[i]);
+            totals.change(before, counts.covered, thresholds[i], areas_mm2[i]);
         }
     }
 }
 
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+popcnt", "x86_64+popcnt", "aarch64+neon"))]
-fn remove_kernel(samples: &mut [SampleCounts], thresholds: &[u32], totals: &mut Totals, seen: &Sights) {
+fn remove_kernel(samples: &mut [SampleCounts], thresholds: &[u32], areas_mm2: &[u64], totals: &mut Totals, seen: &Sights) {
     for (i, mask) in seen.masks() {
         let counts = &mut samples[i];
         let (mut borrow, mut k) = (mask, 0);
@@ -131,15 +141,16 @@ fn remove_kernel(samples: &mut [SampleCounts], thresholds: &[u32], totals: &mut 
         let before = counts.covered;
         counts.covered = counts.planes[..counts.used].iter().fold(0, |covered, plane| covered | plane);
         if counts.covered != before {
-            totals.change(before, counts.covered, thresholds[i]);
+            totals.change(before, counts.covered, thresholds[i], areas_mm2[i]);
         }
     }
 }
 
 impl Totals {
     #[inline(always)]
-    fn change(&mut self, before: Mask, after: Mask, threshold: u32) {
+    fn change(&mut self, before: Mask, after: Mask, threshold: u32, area_mm2: u64) {
         let (before, after) = (before.count_ones(), after.count_ones());
+        self.information = self.information + u64::from(after) * area_mm2 - u64::from(before) * area_mm2;
         self.captured = self.captured + u32::from(after > threshold) - u32::from(before > threshold);
         self.cells = self.cells + counted(after, threshold) - counted(before, threshold);
     }
@@ -166,7 +177,8 @@ mod tests {
             thresholds in proptest::collection::vec(0u32..=128, 6),
         ) {
             let views: Vec<Sights> = views.into_iter().map(|pairs| pairs.into_iter().collect()).collect();
-            let mut counts = CellCounts::new(thresholds.clone());
+            let areas_mm2: Arc<[u64]> = (1..=6).map(|i| 1000 * i).collect();
+            let mut counts = CellCounts::new(thresholds.clone(), Arc::clone(&areas_mm2));
             views.iter().for_each(|seen| counts.add(seen));
             views.iter().zip(&leaves).filter(|(_, leaves)| **leaves).for_each(|(seen, _)| counts.remove(seen));
             let mut covered = [0u128; 6];
@@ -177,7 +189,8 @@ mod tests {
             prop_assert_eq!((0..6).map(|i| counts.cells(i)).collect::<Vec<_>>(), cells.clone());
             let captured = cells.iter().zip(&thresholds).filter(|(cells, threshold)| cells > threshold).count() as u32;
             let worth = cells.iter().zip(&thresholds).filter(|(_, t)| **t < 128).map(|(cells, t)| (*cells).min(t + 1)).sum();
-            prop_assert_eq!(counts.totals(), Totals { captured, cells: worth });
+            let information = cells.iter().zip(areas_mm2.iter()).map(|(cells, area)| u64::from(*cells) * area).sum();
+            prop_assert_eq!(counts.totals(), Totals { captured, cells: worth, information });
         }
     }
 }

@@ -8,6 +8,7 @@ use super::ground::{Ground, Look};
 use super::sights::Sights;
 use super::timeline::{Retimed, Timeline};
 use crate::camera::Pose;
+use crate::search::objective::{Objective, PathSums};
 
 /// A flight with what its images cover and how long it takes.
 #[derive(Clone, Debug)]
@@ -77,19 +78,28 @@ impl Flight {
         self.timeline.total_ns()
     }
 
-    /// Makes a change if it keeps all limits and raises the costs, time and shortfall together, by no more than `most_ns`; a change that
-    /// is not made leaves no trace.
-    pub fn attempt(&mut self, ground: &Ground, splice: &Splice, demand: &Demand, most_ns: f64) -> bool {
+    /// Makes a change if it keeps all limits and makes the flight worse by no more than `most_ns`; a change that is not made leaves no trace.
+    pub fn attempt(&mut self, ground: &Ground, splice: &Splice, pursuit: &Pursuit, most_ns: f64) -> bool {
         let Self { waypoints, counts, timeline, retimed } = self;
         let draft = Draft::new(waypoints, splice, ground.is_rigid);
         if draft.count < 2 || !draft.new_legs().all(|k| ground.is_flyable(&draft.pose(k), &draft.pose(k + 1))) {
             return false;
         }
         timeline.retime(retimed, splice.range.clone(), splice.stops.len(), |k| draft.pose(k));
-        // Time and shortfall may grow by so much together.
-        let most_shortfall_ns = demand.shortfall_ns(counts) + most_ns - (retimed.total_ns as f64 - timeline.total_ns() as f64);
+        let most_shortfall = match pursuit {
+            // Time and shortfall may grow by so much together.
+            Pursuit::Time(demand) => {
+                demand.shortfall_ns(counts) + most_ns - (retimed.total_ns as f64 - timeline.total_ns() as f64)
+            }
+            Pursuit::Objective(objective) => {
+                let before = objective.travel(&waypoints.iter().map(|waypoint| waypoint.pose).collect::<Vec<_>>());
+                let after = objective.travel(&(0..draft.count).map(|k| draft.pose(k)).collect::<Vec<_>>());
+                let now = objective.value(&PathSums { information: counts.cells.totals().information, ..before });
+                -objective.gain_for(now - objective.worth_of_s(most_ns * 1e-9), &after)
+            }
+        };
         let is_safe = |k: usize| ground.problem.free.is_leg_safe(&draft.pose(k).position, &draft.pose(k + 1).position);
-        if demand.least_shortfall_ns(counts) > most_shortfall_ns || !draft.new_legs().all(is_safe) {
+        if pursuit.least_shortfall(counts) > most_shortfall || !draft.new_legs().all(is_safe) {
             return false;
         }
 
@@ -102,20 +112,20 @@ impl Flight {
         }
         made.iter().for_each(|sights| counts.cells.add(sights));
         // Most changes fail by their cells alone, whatever would match.
-        if demand.least_shortfall_by_cells_ns(counts) > most_shortfall_ns {
+        if pursuit.least_shortfall_by_cells(counts) > most_shortfall {
             made.iter().for_each(|sights| counts.cells.remove(sights));
             dropped.iter().for_each(|sights| counts.cells.add(sights));
             return false;
         }
         dropped.iter().for_each(|sights| counts.matches.remove(sights));
         made.iter().for_each(|sights| counts.matches.add(sights));
-        if demand.shortfall_ns(counts) <= most_shortfall_ns {
+        if pursuit.shortfall(counts) <= most_shortfall {
             // The field promises enough. What counts is what the images really see.
             made.iter().for_each(|sights| counts.remove(sights));
             made = Sighted::made(ground, &draft, Look::Rays);
             made.iter().for_each(|sights| counts.add(sights));
         }
-        if demand.shortfall_ns(counts) > most_shortfall_ns {
+        if pursuit.shortfall(counts) > most_shortfall {
             made.iter().for_each(|sights| counts.remove(sights));
             dropped.iter().for_each(|sights| counts.add(sights));
             return false;
@@ -124,6 +134,40 @@ impl Flight {
         waypoints.splice(draft.touched().start..splice.range.end, fresh);
         timeline.commit(retimed);
         true
+    }
+}
+
+/// What a flight is improved for.
+#[derive(Clone, Copy, Debug)]
+pub enum Pursuit<'a> {
+    /// The least time, missing samples at their price; the shortfall is in ns.
+    Time(Demand),
+    /// The most of Eq. 6; the shortfall is the information gain E_g, below nothing.
+    Objective(&'a Objective),
+}
+
+impl Pursuit<'_> {
+    fn shortfall(&self, counts: &Counts) -> f64 {
+        match self {
+            Self::Time(demand) => demand.shortfall_ns(counts),
+            Self::Objective(objective) => -objective.gain(counts.cells.totals().information),
+        }
+    }
+
+    /// The least that a flight with these covered cells could have.
+    fn least_shortfall_by_cells(&self, counts: &Counts) -> f64 {
+        match self {
+            Self::Time(demand) => demand.least_shortfall_by_cells_ns(counts),
+            Self::Objective(_) => self.shortfall(counts),
+        }
+    }
+
+    /// The least that any flight could have.
+    fn least_shortfall(&self, counts: &Counts) -> f64 {
+        match self {
+            Self::Time(demand) => demand.least_shortfall_ns(counts),
+            Self::Objective(objective) => -objective.gain(counts.cells.most_information()),
+        }
     }
 }
 

@@ -32,6 +32,7 @@ pub struct Ground<'a> {
     rows: Vec<Row>,
     /// By sample: whether its matched views count.
     is_matching: Arc<[bool]>,
+    areas_mm2: Arc<[u64]>,
     matching: Matching,
     /// Viewpoints of the field that see each sample.
     pub seers: Vec<Vec<u32>>,
@@ -45,6 +46,17 @@ struct Row {
     targets: Targets,
 }
 
+/// Which samples are looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Counting {
+    /// Those that can be captured.
+    Captured,
+    /// Those, and those that can have enough matched views.
+    Matched,
+    /// All: Eq. 6 is worth something even where nothing is captured.
+    Everything,
+}
+
 /// How visibility is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
@@ -55,10 +67,10 @@ pub enum Look {
 }
 
 impl<'a> Ground<'a> {
-    /// `is_matching` says whether matched views are wanted too.
-    pub fn new(problem: &'a Problem<'a>, settings: &'a Settings, is_start_fixed: bool, is_matching: bool) -> Self {
-        let is_matching: Arc<[bool]> = problem.matchable.iter().map(|matchable| is_matching && *matchable).collect();
-        let is_wanted = |i: usize| problem.is_capturable(i) || is_matching[i];
+    pub fn new(problem: &'a Problem<'a>, settings: &'a Settings, is_start_fixed: bool, counting: Counting) -> Self {
+        let is_matched = counting == Counting::Matched;
+        let is_matching: Arc<[bool]> = problem.matchable.iter().map(|matchable| is_matched && *matchable).collect();
+        let is_wanted = |i: usize| problem.is_capturable(i) || is_matching[i] || counting == Counting::Everything;
         let mut seers = vec![Vec::new(); problem.frames.len()];
         let mut rows = vec![Row::default(); problem.field.viewpoints.len()];
         for (j, row) in rows.iter_mut().enumerate() {
@@ -78,6 +90,7 @@ impl<'a> Ground<'a> {
             wanted: (0..problem.frames.len() as u32).filter(|&i| is_wanted(i as usize)).collect(),
             rows,
             is_matching,
+            areas_mm2: problem.areas_mm2.as_slice().into(),
             matching: Matching::within(&settings.quality, settings.refine.margin_parallax_deg),
             seers,
             nothing: Arc::new(Sights::default()),
@@ -92,7 +105,10 @@ impl<'a> Ground<'a> {
             None => threshold,
         };
         Counts {
-            cells: CellCounts::new(self.problem.thresholds.iter().zip(&self.problem.ceilings).map(raised).collect()),
+            cells: CellCounts::new(
+                self.problem.thresholds.iter().zip(&self.problem.ceilings).map(raised).collect(),
+                Arc::clone(&self.areas_mm2),
+            ),
             matches: MatchCounts::new(self.matching, Arc::clone(&self.is_matching)),
         }
     }

@@ -19,7 +19,7 @@ mod timeline;
 
 pub use annealing::{Aim, Annealing, Best};
 pub use counts::Worth;
-pub use ground::Ground;
+pub use ground::{Counting, Ground};
 
 use crate::camera::Pose;
 use crate::search::{Iteration, Outcome, Problem, Progress, StopReason};

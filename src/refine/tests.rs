@@ -8,8 +8,8 @@ use rand_core::SeedableRng;
 use super::annealing::{Aim, Annealing, Sector};
 use super::counts::Worth;
 use super::draft::Splice;
-use super::flight::{Demand, Flight, Prices};
-use super::ground::Ground;
+use super::flight::{Demand, Flight, Prices, Pursuit};
+use super::ground::{Counting, Ground};
 use super::moves;
 use crate::camera::{Pose, Rig};
 use crate::coverage::Mask;
@@ -17,6 +17,7 @@ use crate::field::Snapshot;
 use crate::scene::{BlockSettings, generate_block};
 use crate::search::Problem;
 use crate::search::leg::image_poses;
+use crate::search::objective::PathSums;
 use crate::session::Session;
 use crate::settings::Settings;
 use crate::stop::StopToken;
@@ -38,7 +39,7 @@ fn for_every_rig(check: impl Fn(&Ground, &[Pose], &Settings, &Snapshot)) {
     let (snapshot, settings) = small_block();
     for name in Rig::PRESETS {
         let problem = Problem::new(&snapshot, &settings, Rig::preset(name).expect("a preset"));
-        let ground = Ground::new(&problem, &settings, false, true);
+        let ground = Ground::new(&problem, &settings, false, Counting::Matched);
         let positions: Vec<_> = problem.field.viewpoints.iter().map(|row| row.position_m.into()).collect();
         let start = positions[0];
         let next = *positions.iter().find(|next| problem.can_fly(&start, next)).expect("some leg is free");
@@ -77,7 +78,7 @@ fn a_flight_changed_step_by_step_is_the_one_made_anew() {
                 continue;
             }
             let before = (step % 100 == 0).then(|| figures(&flight, ground));
-            if flight.attempt(ground, &splice, &demand(ground), 1e9) {
+            if flight.attempt(ground, &splice, &Pursuit::Time(demand(ground)), 1e9) {
                 made += 1;
             } else if let Some(before) = before {
                 assert_eq!(figures(&flight, ground), before, "a change that is not made leaves no trace");
@@ -129,10 +130,48 @@ fn no_image_is_counted_for_more_than_it_really_sees() {
 }
 
 #[test]
+fn the_paper_s_objective_only_falls_by_what_a_change_may_cost_and_rises_with_the_rounds() {
+    for_every_rig(|matching, path, _, _| {
+        let problem = matching.problem;
+        let mut settings = Settings::default();
+        settings.refine.sectors = 1;
+        let ground = Ground::new(problem, &settings, false, Counting::Everything);
+        let objective = &problem.objective;
+        // Eq. 6 from the cells of each sample, without the sum that is kept.
+        let value = |flight: &Flight| {
+            let cells = |i: usize| u64::from(flight.counts.cells.cells(i)) * problem.areas_mm2[i];
+            let information = (0..problem.frames.len()).map(cells).sum();
+            objective.value(&PathSums { information, ..objective.travel(&flight.path()) })
+        };
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let (mut flight, mut splice, mut made) = (Flight::new(&ground, path), Splice::default(), 0);
+        let allowed = objective.worth_of_s(0.2);
+        for _ in 0..600 {
+            let before = value(&flight);
+            let sector = Sector { head: 0, tail: 0 };
+            if moves::propose(&ground, &flight, Worth::default(), sector, &mut random, &mut splice)
+                && flight.attempt(&ground, &splice, &Pursuit::Objective(objective), 0.2e9)
+            {
+                made += 1;
+                let after = value(&flight);
+                assert!(after >= before - allowed - 1e-6 * before.abs(), "{before} became {after} with {}", problem.rig.name);
+            }
+        }
+        assert!(made > 30, "{made} changes with {}", problem.rig.name);
+
+        let mut annealing = Annealing::new(&ground, path, Aim::MostObjective, 3);
+        let first = annealing.record().objective;
+        (0..12).for_each(|_| annealing.round(0.1e9));
+        let last = annealing.record().objective;
+        assert!(last > first && last == value(&Flight::new(&ground, &annealing.best().path)), "{first} to {last}");
+    });
+}
+
+#[test]
 fn every_waypoint_and_leg_keeps_the_limits_and_a_fixed_start_stays() {
     for_every_rig(|free_ground, path, settings, _| {
         let problem = free_ground.problem;
-        let ground = Ground::new(problem, settings, true, true);
+        let ground = Ground::new(problem, settings, true, Counting::Matched);
         let mut annealing = Annealing::new(&ground, path, Aim::LeastTime { required: required(&ground) }, 4);
         (0..12).for_each(|_| annealing.round(1e9));
         let refined = &annealing.best().path;

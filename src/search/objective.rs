@@ -61,6 +61,17 @@ impl Objective {
         gain + self.efficiency_m * efficiency - self.settings.alpha_t * sums.turning_s
     }
 
+    /// The gain E_g that a path of this length and turning needs for a value E: Eq. 6 the other way round.
+    pub fn gain_for(&self, value: f64, travel: &PathSums) -> f64 {
+        let efficient = 1.0 + self.efficiency_m / travel.length_m.max(self.shortest_m);
+        (value + self.settings.alpha_t * travel.turning_s) / efficient
+    }
+
+    /// What seconds are worth in units of E: as much as if they were spent on turning.
+    pub fn worth_of_s(&self, seconds: f64) -> f64 {
+        self.settings.alpha_t.max(1.0) * seconds
+    }
+
     /// Length and turning of a path, without information.
     pub fn travel(&self, path: &[Pose]) -> PathSums {
         let legs: Vec<Vector3<f64>> = path.windows(2).map(|ends| ends[1].position - ends[0].position).collect();

@@ -11,7 +11,7 @@ use std::sync::{Arc, LazyLock, OnceLock};
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use overfly::camera::{Pose, Rig};
-use overfly::refine::{Aim, Annealing, Ground, Worth};
+use overfly::refine::{Aim, Annealing, Counting, Ground, Worth};
 use overfly::scene::{Scene, generate_block, ny1_size, read};
 use overfly::search::{Problem, search};
 use overfly::session::{Session, Snapshot};
@@ -95,7 +95,7 @@ fn warm_path(stage: &Stage) -> Vec<Pose> {
     let start = Pose { position: problem.field.viewpoints[first].position_m.into(), direction: problem.rig.pose_directions()[0] };
     let iterations = stage.settings.refine.tree_iterations;
     let tree = search(&problem, start, iterations, 1, &stop, &|_| 0, &mut |_| {}).expect("the town can be flown");
-    let ground = Ground::new(&problem, &stage.settings, false, true);
+    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched);
     let mut annealing = Annealing::new(&ground, &tree.path, aim(&problem), 1);
     let [first, last] = TEMPERATURES_NS;
     for round in 0..WARM_UP {
@@ -113,7 +113,7 @@ fn aim(problem: &Problem) -> Aim {
 fn tried_changes(bencher: Bencher, rig: &str) {
     let stage = stage(rig);
     let problem = stage.problem();
-    let ground = Ground::new(&problem, &stage.settings, false, true);
+    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched);
     let seed = AtomicU64::new(1);
     bencher
         .with_inputs(|| Annealing::new(&ground, &stage.path, aim(&problem), seed.fetch_add(1, Ordering::Relaxed)))
@@ -127,7 +127,7 @@ fn tried_changes(bencher: Bencher, rig: &str) {
 fn flights_from_nothing(bencher: Bencher, rig: &str) {
     let stage = stage(rig);
     let problem = stage.problem();
-    let ground = Ground::new(&problem, &stage.settings, false, true);
+    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched);
     bencher
         .counter(ItemsCount::new(1u32))
         .bench_local(|| ONE_CORE.install(|| Annealing::new(&ground, &stage.path, aim(&problem), 1).best().duration_ns));

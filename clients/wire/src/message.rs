@@ -90,6 +90,8 @@ pub struct PlanOrder {
     pub budget_s: Option<f64>,
     /// Coverage goal, percent of the capturable samples; `None` takes the daemon's setting.
     pub goal_percent: Option<f64>,
+    /// What the method `refined` improves the flight for: `time` or `eq6`.
+    pub objective: String,
     /// For the method `refined`: share of the samples that can have enough matched views that are to have them, percent; `None` takes the
     /// coverage goal, 0 asks for none.
     pub matched_percent: Option<f64>,
@@ -116,6 +118,7 @@ impl Default for PlanOrder {
             iterations: None,
             budget_s: None,
             goal_percent: None,
+            objective: "time".into(),
             matched_percent: None,
             within_s: None,
             gsd_m: None,
@@ -391,6 +394,7 @@ impl PlanOrder {
     fn check(&self) -> Result<(), Refusal> {
         check_name("rig", &self.rig)?;
         check_name("method", &self.method)?;
+        check_name("objective", &self.objective)?;
         if let Some(text) = &self.rig_file
             && text.len() > MAX_RIG_FILE_BYTES
         {

@@ -304,7 +304,8 @@ pub fn plan(
     let capture = sightings.capture(&problem, |_| true);
     // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
     let at_start = sightings.capture(&problem, |image| image < rig.camera_count() as u32);
-    let selected = select::select(&problem, &sightings, images.len());
+    let matched = problem.enough_matched(matched_goal_percent(settings, options));
+    let selected = select::select(&problem, &sightings, images.len(), matched);
     images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
     let clearance_m = safety::check(profile.curve(), &snapshot.free)?;
     safety::check_views(rig, &images)?;

@@ -62,7 +62,7 @@ fn naive(problem: &Problem, sightings: &Sightings, images: usize) -> Vec<usize> 
 fn the_selection_is_that_of_a_greedy_that_looks_at_every_image_every_time() {
     for_every_rig(&small_settings(), 20, |problem, plan, sightings| {
         let expected = naive(problem, sightings, plan.images.len());
-        let selected = select(problem, sightings, plan.images.len());
+        let selected = select(problem, sightings, plan.images.len(), 0);
         let found: Vec<usize> = (0..selected.len()).filter(|&image| selected[image]).collect();
         let mut sorted = expected.clone();
         sorted.sort_unstable();
@@ -91,4 +91,33 @@ fn selected_images_reach_the_goal_where_all_images_reach_it_and_else_capture_as_
         });
         assert!(goal_percent > 50.0 || reached > 0, "no plan reached {goal_percent} %");
     }
+}
+
+/// Samples that the chosen images show in enough views that match.
+fn matched(problem: &Problem, sightings: &Sightings, chosen: &[usize]) -> u32 {
+    sightings.capture(problem, |image| chosen.contains(&(image as usize))).matched
+}
+
+#[test]
+fn selected_images_match_as_much_as_is_wanted_and_none_of_those_kept_for_it_can_go() {
+    let mut kept = 0;
+    for_every_rig(&small_settings(), 60, |problem, plan, sightings| {
+        let chosen = |selected: Vec<bool>| -> Vec<usize> { (0..selected.len()).filter(|&image| selected[image]).collect() };
+        let all: Vec<usize> = (0..plan.images.len()).collect();
+        let by_all = matched(problem, sightings, &all);
+        let for_coverage = chosen(select(problem, sightings, plan.images.len(), 0));
+        assert!(by_all > 0, "{}", plan.rig);
+        for wanted in [by_all / 2, by_all, by_all + 1] {
+            let found = chosen(select(problem, sightings, plan.images.len(), wanted));
+            assert!(for_coverage.iter().all(|image| found.contains(image)), "{}", plan.rig);
+            let goal = wanted.min(by_all);
+            assert!(matched(problem, sightings, &found) >= goal, "{}: {wanted} of {by_all}", plan.rig);
+            for extra in found.iter().filter(|image| !for_coverage.contains(image)) {
+                let without: Vec<usize> = found.iter().copied().filter(|image| image != extra).collect();
+                assert!(matched(problem, sightings, &without) < goal, "{}: image {extra} could go", plan.rig);
+                kept += 1;
+            }
+        }
+    });
+    assert!(kept > 0, "what captures matched as much by itself with every rig");
 }

@@ -5,16 +5,50 @@ use std::collections::BinaryHeap;
 
 use super::evaluate::{Sighting, Sightings};
 use crate::coverage::union::{cover, gain};
-use crate::coverage::{Information, Mask, Observations};
+use crate::coverage::{Bearing, Information, Mask, MatchedViews, Observations};
 use crate::search::Problem;
 
 /// Which of `images` images are selected: always the one of the largest gain (Eq. 2) over those selected before, the earlier one of two
-/// equals, until the goal of Algorithm 2 is reached, or as many samples as all images together capture when they miss it.
-pub fn select(problem: &Problem, sightings: &Sightings, images: usize) -> Vec<bool> {
+/// equals, until the goal of Algorithm 2 is reached, or as many samples as all images together capture when they miss it. Beyond the paper, of the
+/// other images those stay without which fewer than `matched` samples would have enough matched views, as far as all images give them.
+pub fn select(problem: &Problem, sightings: &Sightings, images: usize, matched: u32) -> Vec<bool> {
     let goal = problem.sufficient.min(sightings.capture(problem, |_| true).captured);
     let mut selected = vec![false; images];
     greedy(problem, sightings, images, goal).into_iter().for_each(|image| selected[image] = true);
+    if matched > 0 {
+        keep_matches(problem, sightings, &mut selected, matched);
+    }
     selected
+}
+
+/// Selects the images that are not selected yet but for those that can go, one after the other and first the ones that see least.
+fn keep_matches(problem: &Problem, sightings: &Sightings, selected: &mut [bool], matched: u32) {
+    let mut seen: Vec<Vec<(u32, Bearing)>> = vec![Vec::new(); selected.len()];
+    let mut views = vec![MatchedViews::default(); sightings.0.len()];
+    for (sample, sightings) in sightings.0.iter().enumerate().filter(|&(sample, _)| problem.matchable[sample]) {
+        for &Sighting { image, bearing, .. } in sightings {
+            seen[image as usize].push((sample as u32, bearing));
+            views[sample].add(&problem.matching, bearing);
+        }
+    }
+    let is_matched = |views: &MatchedViews| views.matched() >= problem.matching.least_views;
+    let mut left = views.iter().filter(|views| is_matched(views)).count() as u32;
+    let goal = matched.min(left);
+    let mut others: Vec<usize> = (0..selected.len()).filter(|&image| !selected[image]).collect();
+    others.sort_by_key(|&image| seen[image].len());
+    for image in others {
+        let before = left;
+        for &(sample, bearing) in &seen[image] {
+            let of_sample = &mut views[sample as usize];
+            let was_matched = is_matched(of_sample);
+            of_sample.remove(&problem.matching, bearing);
+            left -= u32::from(was_matched && !is_matched(of_sample));
+        }
+        if left < goal {
+            seen[image].iter().for_each(|&(sample, bearing)| views[sample as usize].add(&problem.matching, bearing));
+            (left, selected[image]) = (before, true);
+        }
+    }
 }
 
 /// All images in the order in which they would be selected were there no goal; those without any gain stand last, as they were taken.

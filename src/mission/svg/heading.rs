@@ -56,13 +56,19 @@ fn key_figures(plan: &Plan) -> Vec<Figure> {
     let mut figures = vec![
         figure("Captured of capturable", percent(metrics.coverage_percent), format!("goal {}", percent(plan.goal_percent))),
         figure(
-            "Captured of exposed",
+            "... of exposed",
             percent(metrics.coverage_exposed_percent),
             format!("ceiling {}", percent(metrics.capturable_percent)),
         ),
+    ];
+    if plan.matched_goal_percent > 0.0 {
+        let goal = format!("goal {}", percent(plan.matched_goal_percent));
+        figures.push(figure("In matched views", percent(metrics.matched_percent), goal));
+    }
+    figures.extend([
         figure("Length", format!("{:.0} m", metrics.length_m), image_spacing(plan)),
         figure("Flight time, min:s", minutes(metrics.profile_s), format!("Eq. 4 and 5: {}", minutes(metrics.flight_s))),
-    ];
+    ]);
     if let Some(battery_percent) = metrics.battery_percent {
         figures.push(figure("Battery", format!("{battery_percent:.0} %"), "of a full charge".to_owned()));
     }

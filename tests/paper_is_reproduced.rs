@@ -126,7 +126,7 @@ fn assert_refined_flights_keep_their_coverage(refined: &Value) {
     for cells in rows.iter().map(|row| &row["cells"]) {
         let figure = |column: &str| cells[column]["median"].as_f64();
         let Some(ours_s) = figure("Profile time, refined ↓ [s]") else {
-            assert_eq!(cells["Seeds that reach the coverage"], "0 of 1", "{cells}");
+            assert_eq!(cells["Seeds that reach both"], "0 of 1", "{cells}");
             continue;
         };
         reached += 1;

@@ -25,6 +25,10 @@ type Stops = Vec<usize>;
 /// `None` when all images together do not capture enough.
 pub fn shortest(graph: &Graph, routes: &Routes, settings: &BoundSettings, seed: u64, stop: &StopToken) -> Option<Walk> {
     let searched = (0..settings.plan_searches).into_par_iter().map(|number| {
+        // The first one gives a plan in any case.
+        if number > 0 && stop.is_stopped() {
+            return None;
+        }
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(u64::from(number));
         let (covered, used, mark) = (Vec::new(), Vec::new(), 0);

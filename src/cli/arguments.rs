@@ -232,8 +232,8 @@ pub struct OrderArgs {
     /// Coverage goal, percent of what the rig can capture at all [default: the setting coverage.goal_percent, 95]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = values::percent)]
     pub coverage: Option<f64>,
-    /// For `refined`: share of the surface, of what can be seen so at all, that is to be seen in at least three views that match (5 to 45
-    /// degrees of parallax), percent; 0 asks for none [default: the coverage goal]
+    /// For `refined`: share of the surface, of what can be seen so at all, that is to be seen in enough views that match (by default three,
+    /// 5 to 45 degrees apart), percent; 0 asks for none [default: the coverage goal]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = values::percent)]
     pub matched: Option<f64>,
     /// What `refined` improves the flight for: `time` (the least time at the goals) or `eq6` (the most of the paper's objective of

@@ -26,7 +26,7 @@ impl Heights {
 }
 
 /// The remarks with the next steps; `command` is what takes `--iterations`, as it is typed.
-/// `has_goal` is false for a plan that was to fly for a given time.
+/// `has_goal` is false for a plan that was to fly for a given time, or for the paper's objective.
 pub fn note(plan: &Plan, command: &str, heights: Option<&Heights>, has_goal: bool) -> Option<String> {
     let notes: Vec<String> =
         [has_goal.then(|| below_goal(plan, command)).flatten(), low_ceiling(plan, heights), empty_battery(plan)]
@@ -58,7 +58,7 @@ fn below_goal(plan: &Plan, command: &str) -> Option<String> {
         "note: the plan captures {:.1} % of the capturable samples, the goal is {:.1} %; ",
         metrics.coverage_percent, plan.goal_percent
     );
-    if metrics.matched_percent < plan.matched_goal_percent {
+    if plan.matched_goal_percent > 0.0 && metrics.matched_percent <= plan.matched_goal_percent {
         note.push_str(&format!(
             "it sees {:.1} % in views that match, the goal is {:.1} % (`--matched`); ",
             metrics.matched_percent, plan.matched_goal_percent

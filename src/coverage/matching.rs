@@ -43,11 +43,10 @@ impl Matching {
     pub fn within(settings: &QualitySettings, margin_deg: f64) -> Self {
         let QualitySettings { min_parallax_deg, max_parallax_deg, least_views, .. } = *settings;
         let squared_chord = |angle_deg: f64| (2.0 * PARTS * libm::sin(angle_deg.to_radians() / 2.0)).powi(2) as i32;
-        let most_deg = max_parallax_deg - margin_deg;
-        Self {
-            squared_chords: [squared_chord((min_parallax_deg + margin_deg).min(most_deg)), squared_chord(most_deg)],
-            least_views,
-        }
+        // Of a narrow range half is left.
+        let margin_deg = margin_deg.min((max_parallax_deg - min_parallax_deg) / 4.0);
+        let squared_chords = [min_parallax_deg + margin_deg, max_parallax_deg - margin_deg].map(squared_chord);
+        Self { squared_chords, least_views }
     }
 }
 
@@ -195,6 +194,14 @@ mod tests {
             (&[0.0, 0.0, 0.0], 0),
         ] {
             assert_eq!(matched(angles_deg), expected, "{angles_deg:?}");
+        }
+        let narrow =
+            Settings { quality: QualitySettings { max_parallax_deg: 6.0, ..Settings::default().quality }, ..Settings::default() };
+        let narrow = Matching::within(&narrow.quality, 10.0);
+        for (angle_deg, expected) in [(5.2, 0), (5.3, 2), (5.7, 2), (5.8, 0)] {
+            let mut views = MatchedViews::default();
+            [0.0, angle_deg].into_iter().for_each(|angle_deg| views.add(&narrow, tilted(angle_deg)));
+            assert_eq!(views.matched(), expected, "{angle_deg} of 5 to 6 degrees with a margin of ten");
         }
         let strict = Matching::within(&Settings::default().quality, 1.0);
         for (angle_deg, expected) in [(5.9, 0), (6.1, 2), (43.9, 2), (44.1, 0)] {

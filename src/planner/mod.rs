@@ -12,7 +12,7 @@ use crate::settings::Settings;
 use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::Exposed;
 use crate::trajectory::limits::Limits;
-use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, Waypoint};
+use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, StopReason, Waypoint};
 use crate::trajectory::profile::Profile;
 use crate::trajectory::route::{Found, Route};
 use crate::trajectory::safety;
@@ -45,7 +45,8 @@ pub fn plan(
     let settings = &with_goal(settings, options.goal_percent);
     let rig = &flown_rig(options, settings);
     let problem = Problem::wanted(snapshot, settings, rig.clone(), &Wanted { region: options.region()?, gsd_m: options.gsd_m });
-    if problem.capturable == 0 {
+    let matched = problem.enough_matched(matched_goal_percent(settings, options));
+    if problem.capturable == 0 && matched == 0 {
         let (range_m, ceiling_m) = (problem.disks.range_m(), settings.flight.legal_ceiling_m);
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
     }
@@ -68,7 +69,6 @@ pub fn plan(
     let capture = sightings.capture(&problem, |_| true);
     // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
     let at_start = sightings.capture(&problem, |image| image < rig.camera_count() as u32);
-    let matched = problem.enough_matched(matched_goal_percent(settings, options));
     let selected = select::select(&problem, &sightings, images.len(), matched);
     images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
     let clearance_m = safety::check(profile.curve(), &snapshot.free)?;
@@ -143,8 +143,12 @@ fn refined(
         (Some(_), None) => return Err(PlanError::NoClock),
     };
     let confirm = |path: &[Pose]| confirmed(snapshot, settings, problem, path, stop);
-    let tree = tree_search(snapshot, settings, problem, options, settings.refine.tree_iterations, stop, &mut |_| {})?;
+    let mut tree = tree_search(snapshot, settings, problem, options, settings.refine.tree_iterations, stop, &mut |_| {})?;
     if tree.path.len() < 2 {
+        // One view may capture enough; it never matches anything.
+        if problem.enough_matched(matched_goal_percent(settings, options)) > 0 && tree.stop == StopReason::GoalReached {
+            tree.stop = StopReason::IterationsUsed;
+        }
         return Ok(Found::of(tree, problem));
     }
     let matched = problem.enough_matched(matched_goal_percent(settings, options));

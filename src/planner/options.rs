@@ -212,7 +212,9 @@ pub enum PlanError {
     Seconds { seconds: f64 },
     #[error("a budget of seconds needs a stop token with a clock (`StopToken::timed`)")]
     NoClock,
-    #[error("give either iterations or seconds for the search, and either a coverage goal or a time for the flight")]
+    #[error(
+        "give either iterations or seconds for the search, and either goals (coverage, matched views) or a time for the flight"
+    )]
     Twofold,
     #[error("there is no objective {0:?}; known objectives: time, eq6")]
     UnknownObjective(String),

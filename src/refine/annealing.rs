@@ -249,10 +249,11 @@ impl<'a> Annealing<'a> {
         }
     }
 
-    /// The flight as it is; information is that of the samples that are looked at.
+    /// The flight as it is; information is that which its legs gain from the samples that are looked at.
     fn present(&self) -> Iteration {
         let problem = self.ground.problem;
         let Totals { information, captured, .. } = self.flight.counts.cells.totals();
+        let information = information.saturating_sub(self.flight.at_start());
         let sums = PathSums { information, ..problem.objective.travel(&self.flight.path()) };
         Iteration {
             objective: problem.objective.value(&sums),

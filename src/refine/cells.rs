@@ -70,6 +70,17 @@ impl CellCounts {
         f64::from(self.wanted_cells - self.totals.cells) / of_sample.max(1.0)
     }
 
+    /// What the images of `seen` cover by themselves, by area.
+    pub fn information_of(&self, seen: &Sights) -> Information {
+        let mut covered: Vec<(usize, Mask)> = seen.masks().collect();
+        covered.sort_unstable_by_key(|&(i, _)| i);
+        let unions = covered.chunk_by(|a, b| a.0 == b.0).map(|of_sample| {
+            let union = of_sample.iter().fold(0, |union, (_, mask)| union | mask);
+            u64::from(Mask::count_ones(union)) * self.areas_mm2[of_sample[0].0]
+        });
+        unions.sum()
+    }
+
     /// Every cell of every sample.
     pub fn most_information(&self) -> Information {
         self.areas_mm2.iter().map(|area_mm2| area_mm2 * u64::from(Mask::BITS)).sum()

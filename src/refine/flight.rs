@@ -8,6 +8,7 @@ use super::ground::{Ground, Look};
 use super::sights::Sights;
 use super::timeline::{Retimed, Timeline};
 use crate::camera::Pose;
+use crate::coverage::Information;
 use crate::search::objective::{Objective, PathSums};
 
 /// A flight with what its images cover and how long it takes.
@@ -73,6 +74,11 @@ impl Flight {
         self.waypoints.iter().map(|waypoint| waypoint.pose).collect()
     }
 
+    /// Information of the view at the start, which belongs to no leg (Eq. 6 sums from k = 2).
+    pub fn at_start(&self) -> Information {
+        self.waypoints.first().map_or(0, |start| self.counts.cells.information_of(&start.seen))
+    }
+
     /// Time of the speed profile.
     pub fn duration_ns(&self) -> u64 {
         self.timeline.total_ns()
@@ -94,8 +100,16 @@ impl Flight {
             Pursuit::Objective(objective) => {
                 let before = objective.travel(&waypoints.iter().map(|waypoint| waypoint.pose).collect::<Vec<_>>());
                 let after = objective.travel(&(0..draft.count).map(|k| draft.pose(k)).collect::<Vec<_>>());
-                let now = objective.value(&PathSums { information: counts.cells.totals().information, ..before });
-                -objective.gain_for(now - objective.worth_of_s(most_ns * 1e-9), &after)
+                let at_start = |sights: &Sights| counts.cells.information_of(sights);
+                let old = at_start(&waypoints[0].seen);
+                let information = counts.cells.totals().information.saturating_sub(old);
+                let now = objective.value(&PathSums { information, ..before });
+                // Eq. 6 sums from k = 2: what the view at the start sees belongs to no leg.
+                let new = match draft.stop(0) {
+                    Stop::Kept(start) => at_start(&waypoints[start].seen),
+                    Stop::New(pose) => at_start(&ground.at_waypoint(&pose, Look::Rays)),
+                };
+                -objective.gain_for(now - objective.worth_of_s(most_ns * 1e-9), &after) - objective.gain(new)
             }
         };
         let is_safe = |k: usize| ground.problem.free.is_leg_safe(&draft.pose(k).position, &draft.pose(k + 1).position);

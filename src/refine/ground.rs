@@ -24,9 +24,7 @@ pub struct Ground<'a> {
     pub is_rigid: bool,
     /// Whether the flight has to begin where it does.
     pub is_start_fixed: bool,
-    /// Samples that can be captured.
-    pub capturable: Vec<u32>,
-    /// Those and the ones that are to be matched.
+    /// Samples that can be captured, and the ones that are to be matched.
     pub wanted: Vec<u32>,
     /// Wanted samples in each row of the field.
     rows: Vec<Row>,
@@ -86,7 +84,6 @@ impl<'a> Ground<'a> {
             limits: Limits::new(&problem.rig, &settings.flight, &settings.dynamics),
             is_rigid: matches!(problem.rig.cameras, Cameras::Rigid(_)),
             is_start_fixed,
-            capturable: (0..problem.frames.len() as u32).filter(|&i| problem.is_capturable(i as usize)).collect(),
             wanted: (0..problem.frames.len() as u32).filter(|&i| is_wanted(i as usize)).collect(),
             rows,
             is_matching,

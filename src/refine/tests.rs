@@ -9,7 +9,7 @@ use super::annealing::{Aim, Annealing, Sector};
 use super::counts::Worth;
 use super::draft::Splice;
 use super::flight::{Demand, Flight, Prices, Pursuit};
-use super::ground::{Counting, Ground};
+use super::ground::{Counting, Ground, Look};
 use super::moves;
 use crate::camera::{Pose, Rig};
 use crate::coverage::Mask;
@@ -140,8 +140,12 @@ fn the_paper_s_objective_only_falls_by_what_a_change_may_cost_and_rises_with_the
         // Eq. 6 from the cells of each sample, without the sum that is kept.
         let value = |flight: &Flight| {
             let cells = |i: usize| u64::from(flight.counts.cells.cells(i)) * problem.areas_mm2[i];
-            let information = (0..problem.frames.len()).map(cells).sum();
-            objective.value(&PathSums { information, ..objective.travel(&flight.path()) })
+            let information: u64 = (0..problem.frames.len()).map(cells).sum();
+            // The view at the start belongs to no leg.
+            let start = flight.path()[0];
+            let alone = ground.at_waypoint(&start, Look::Rays);
+            let at_start: u64 = alone.masks().map(|(i, mask)| u64::from(mask.count_ones()) * problem.areas_mm2[i]).sum();
+            objective.value(&PathSums { information: information - at_start, ..objective.travel(&flight.path()) })
         };
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let (mut flight, mut splice, mut made) = (Flight::new(&ground, path), Splice::default(), 0);

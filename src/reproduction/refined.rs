@@ -63,7 +63,7 @@ const COLUMNS: [&str; 20] = [
     "Planned in, paper [s]",
     "Planned in, refined [s]",
     "Iterations and rounds",
-    "Seeds that reach the coverage",
+    "Seeds that reach both",
 ];
 
 /// Place of the ratio behind the labels.
@@ -135,7 +135,7 @@ fn add_row(
     let missed = match cells[RATIO].value() {
         Some(ratio) if ratio <= goal => None,
         Some(ratio) => Some(format!("{ratio:.2}")),
-        None => Some("no flight with as much coverage".to_owned()),
+        None => Some("no flight with as much coverage and matching".to_owned()),
     };
     if let Some(missed) = missed {
         table.note(format!("Missed: {missed} instead of {goal:.2} over {} with {rig} after {budget_s} s.", site.name()));

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use geo::buffer::{BufferStyle, LineJoin};
 use geo::orient::{Direction, Orient};
-use geo::{Buffer, Coord, CoordsIter, Distance, Euclidean, MapCoords, MultiPolygon, Point};
+use geo::{Buffer, Coord, CoordsIter, Distance, Euclidean, MapCoords, MultiPolygon, Point, Validation, unary_union};
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 
@@ -146,12 +146,19 @@ fn stretched(structure: &Structure, factor: f64) -> Structure {
     Structure { shape, ..structure.clone() }
 }
 
-/// The outline moved outward, corners to whole millimetres. An outline that is too small for the offsetting to work on stays.
+/// The outline moved outward, corners to whole millimetres where it stays a sound outline by that: a court that all but closes may cross
+/// itself. An outline that is too small for the offsetting to work on stays.
 fn dilated(outline: &MultiPolygon<f64>, outward_m: f64) -> MultiPolygon<f64> {
     let style = BufferStyle::new(outward_m).line_join(LineJoin::Round(ARC_PIECE_RAD));
     let grown = outline.buffer_with_style(style).orient(Direction::Default);
-    let grown = grown.map_coords(|corner| Coord { x: round_mm(corner.x), y: round_mm(corner.y) });
-    if grown.0.is_empty() { outline.clone() } else { grown }
+    let rounded = grown.map_coords(|corner| Coord { x: round_mm(corner.x), y: round_mm(corner.y) });
+    let is_sound = |outline: &MultiPolygon<f64>| !outline.0.is_empty() && outline.is_valid();
+    let united = || unary_union(&grown.0).orient(Direction::Default);
+    [rounded, grown.clone()]
+        .into_iter()
+        .find(is_sound)
+        .or_else(|| Some(united()).filter(is_sound))
+        .unwrap_or_else(|| outline.clone())
 }
 
 /// How far the grown outline reaches beyond the one that it contains, m: the greatest distance is at a corner.
@@ -165,7 +172,7 @@ fn round_mm(metres: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use geo::{Area, Contains, Polygon, Validation, polygon};
+    use geo::{Area, Contains, Polygon, polygon};
     use nalgebra::Point3;
     use proptest::prelude::*;
 
@@ -218,6 +225,14 @@ mod tests {
             degraded.scene.structures[0].outlines().0[0].interiors().len()
         };
         assert_eq!((holes(Boundary::Original), holes(Boundary::Medium)), (1, 0));
+    }
+
+    #[test]
+    fn a_court_that_all_but_closes_leaves_a_sound_outline() {
+        // To whole millimetres one of its courts would cross itself.
+        let block = BlockSettings { seed: 3_852_719_170_365_941_968, buildings: 49, ..Default::default() };
+        let degraded = degrade(&generate_block(&block), &Degradation { boundary: Boundary::Rough, ..NOTHING });
+        assert!(degraded.scene.structures.iter().all(|structure| structure.outlines().is_valid()));
     }
 
     #[test]

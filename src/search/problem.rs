@@ -317,13 +317,14 @@ fn ceilings(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskM
 fn matchable(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskModel, matching: &Matching) -> Vec<bool> {
     let directions = rig.pose_directions();
     let mut samples = vec![MatchedViews::default(); frames.len()];
+    let most_tried = MOST_TRIED_VIEWS.max(4 * matching.least_views as usize);
     for j in 0..field.viewpoints.len() {
         let position = Point3::from(field.viewpoints[j].position_m);
         let views: Vec<View> =
             directions.iter().filter_map(|&direction| rig.frusta(&Pose { position, direction })).flatten().collect();
         for i in seen_in(field.row(j)) {
             let (views_of, frame) = (&mut samples[i], &frames[i]);
-            let is_open = views_of.matched() < matching.least_views && views_of.len() < MOST_TRIED_VIEWS;
+            let is_open = views_of.matched() < matching.least_views && views_of.len() < most_tried;
             let is_seen = || (views.is_empty() || is_framed(Some(&views), &frame.position)) && disks.faces(frame, &position);
             if is_open && is_seen() {
                 views_of.add(matching, Bearing::new(&frame.position, &position));
@@ -333,7 +334,7 @@ fn matchable(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &Disk
     samples.iter().map(|views| views.matched() >= matching.least_views).collect()
 }
 
-/// A sample with so many views that do not match is given up.
+/// A sample with so many views, too few of which match, is given up; more where more are needed.
 const MOST_TRIED_VIEWS: usize = 64;
 
 /// The most that any row of the field could gain: every sample in it under the largest disk.

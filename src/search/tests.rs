@@ -245,6 +245,46 @@ fn the_ceilings_of_a_rig_are_those_of_all_its_views_from_all_viewpoints() {
     assert!(counts[0] > counts[2] && counts[1..].iter().all(|count| *count <= counts[0]), "{counts:?}");
 }
 
+#[test]
+fn a_sample_can_be_matched_when_enough_of_the_rig_s_views_from_all_viewpoints_have_a_partner() {
+    let (snapshot, mut settings) = small_block(1);
+    for (least_views, window_deg) in [(3, [5.0, 45.0]), (3, [60.0, 70.0]), (80, [5.0, 45.0])] {
+        settings.quality.least_views = least_views;
+        [settings.quality.min_parallax_deg, settings.quality.max_parallax_deg] = window_deg;
+        let (mut matchable, mut others) = (0, 0);
+        for rig in rigs() {
+            let problem = Problem::new(&snapshot, &settings, rig.clone());
+            for (i, sample) in problem.frames.iter().enumerate() {
+                let mut views = Vec::new();
+                for j in (0..problem.field.viewpoints.len()).filter(|&j| problem.field.row(j)[i / 64] >> (i % 64) & 1 == 1) {
+                    let position = problem.field.viewpoints[j].position_m.into();
+                    let is_framed = rig.pose_directions().into_iter().any(|direction| {
+                        let pose = Pose { position, direction };
+                        (0..rig.camera_count()).any(|camera| frames(&rig, camera, &pose, &(sample.position - position)))
+                    });
+                    if is_framed && problem.disks.faces(sample, &position) {
+                        views.push(position - sample.position);
+                    }
+                }
+                // Angles are rounded: what is matched by a trace more is, what is not by a trace less is not.
+                let matched = |slack_deg: f64| {
+                    let range = window_deg[0] - slack_deg..=window_deg[1] + slack_deg;
+                    let has_partner = |a: &&Vector3<f64>| views.iter().any(|b| range.contains(&a.angle(b).to_degrees()));
+                    views.iter().filter(has_partner).count() as u32 >= least_views
+                };
+                assert!(!problem.matchable[i] || matched(0.02), "sample {i} by {} with {least_views}", rig.name);
+                // Many views without a partner are given up.
+                assert!(problem.matchable[i] || !matched(-0.02) || views.len() > 64, "sample {i} by {}", rig.name);
+                *(if problem.matchable[i] { &mut matchable } else { &mut others }) += 1;
+            }
+            let enough = problem.enough_matched(50.0) as usize;
+            let all = problem.matchable.iter().filter(|matchable| **matchable).count();
+            assert_eq!((enough, problem.enough_matched(0.0)), ((all / 2 + 1).min(all), 0));
+        }
+        assert!(matchable > 0 && others > 0, "{matchable} and {others} with {least_views} views within {window_deg:?}");
+    }
+}
+
 /// Whether a camera frames what lies in the direction `towards`, by the angles of its field of view.
 fn frames(rig: &Rig, camera: usize, pose: &Pose, towards: &Vector3<f64>) -> bool {
     let Some((axis, up)) = rig.optical_axis(camera, pose) else { return true };

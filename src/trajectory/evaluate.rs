@@ -92,8 +92,11 @@ impl Sightings {
         let captured = number(&|i| problem.is_capturable(i) && above(i));
         let is_matched = |i: usize| {
             let mut views = MatchedViews::default();
-            self.0[i].iter().filter(|one| counts(one.image)).for_each(|one| views.add(&problem.matching, one.bearing));
-            views.matched() >= problem.matching.least_views
+            // More views never match less.
+            self.0[i].iter().filter(|one| counts(one.image)).any(|one| {
+                views.add(&problem.matching, one.bearing);
+                views.matched() >= problem.matching.least_views
+            })
         };
         let matchable = number(&|i| problem.matchable[i]);
         let matched = number(&|i| problem.matchable[i] && is_matched(i));

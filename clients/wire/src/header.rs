@@ -7,7 +7,8 @@ use overfly_table::Block;
 /// "OVFLYMSG" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYMSG");
 
-/// Version of the header, the bodies and the services. Both sides must agree. Version 2 has orders with rig files and view directions.
+/// Version of the header, the bodies and the services. Both sides must agree. Version 2 has orders with rig files and view directions, 3 those with goals, seconds and
+/// regions, 4 those with goals for matched views and objectives.
 pub const SCHEMA: u32 = 4;
 
 /// Who sent what, and how long it is.

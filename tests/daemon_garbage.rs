@@ -193,7 +193,7 @@ fn edits_that_come_at_once_are_each_answered_and_a_plan_before_them_is_made_agai
         vandal.send(header, &payload);
     };
     let raise = || Request::Edit { scene: "block".into(), edit: EditOrder::Raise { structure: structure.clone(), by_m: 1.0 } };
-    let plan = |order| Request::Plan { scene: "block".into(), order };
+    let plan = |order| Request::Plan { scene: "block".into(), order: Box::new(order) };
 
     // An order that cannot be flown is not followed up.
     let high = overfly_client::PlanOrder { start_m: Some([0.0, 0.0, 5000.0]), ..quick() };
@@ -254,7 +254,7 @@ fn hostile_rig_files_are_refused_and_plans_go_on() {
         assert!(message.contains("rig") && message.len() < 4000, "{shown}: {} bytes of message", message.len());
     }
     // A client refuses what is too long by itself, so this is sent by one that does not.
-    let (header, payload) = honest(&Request::Plan { scene: "block".into(), order: order("#".repeat(65_537)) }, 9);
+    let (header, payload) = honest(&Request::Plan { scene: "block".into(), order: Box::new(order("#".repeat(65_537))) }, 9);
     let vandal = Vandal::enter(&served.domain);
     vandal.send(header, &payload);
     assert_eq!(vandal.refusal(9).0, RefusalCode::Invalid);

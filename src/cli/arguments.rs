@@ -53,7 +53,7 @@ pub enum Command {
     /// Give a scene file to the daemon, which builds its view information field
     Load(LoadArgs),
     /// Plan a flight over a scene file (in process) or a loaded scene (by the daemon)
-    Plan(PlanArgs),
+    Plan(Box<PlanArgs>),
     /// Predict Error and Completeness of a plan's images, on its own scene or on another
     Evaluate(EvaluateArgs),
     /// Change one structure of a loaded scene and receive the new plan

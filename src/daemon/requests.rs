@@ -114,7 +114,7 @@ impl Daemon {
                 self.load(ticket, FileSource::Path(PathBuf::from(OsString::from_vec(path))), name)
             }
             Request::LoadBytes { file_name, name } => self.load(ticket, FileSource::Bytes { file_name, bytes: bulk }, name),
-            Request::Plan { scene, order } => self.plan(ports, ticket, &scene, order),
+            Request::Plan { scene, order } => self.plan(ports, ticket, &scene, *order),
             Request::Edit { scene, edit } => self.edit(ports, ticket, &scene, edit),
             Request::Cancel { scene } => self.cancel(ports, ticket, &scene),
             Request::Unload { scene } => self.unload(ports, ticket, &scene),

@@ -100,7 +100,7 @@ impl Client {
         order: &PlanOrder,
         on_progress: &mut dyn FnMut(&ProgressNote),
     ) -> Result<PlanMessage, ClientError> {
-        let request = Request::Plan { scene: scene.into(), order: order.clone() };
+        let request = Request::Plan { scene: scene.into(), order: Box::new(order.clone()) };
         let (correlation, reply) = self.link.call(&request, &[], PATIENCE, on_progress)?;
         let Reply::Planned { epoch } = reply else { return Err(unexpected(&reply)) };
         self.published(scene, correlation, epoch)

@@ -44,7 +44,7 @@ pub enum Request {
     },
     Plan {
         scene: String,
-        order: PlanOrder,
+        order: Box<PlanOrder>,
     },
     Edit {
         scene: String,
@@ -589,7 +589,7 @@ mod tests {
     #[test]
     fn values_that_make_no_sense_are_refused_with_a_remedy() {
         let edit = |edit| Request::Edit { scene: "town".into(), edit };
-        let plan = |order| Request::Plan { scene: "town".into(), order };
+        let plan = |order| Request::Plan { scene: "town".into(), order: Box::new(order) };
         let square = vec![[0.0, 0.0], [1.0, 0.0], [1.0, f64::NAN]];
         let faults = [
             edit(EditOrder::Raise { structure: "a".into(), by_m: f64::INFINITY }),

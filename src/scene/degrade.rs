@@ -5,7 +5,10 @@ use std::sync::Arc;
 
 use geo::buffer::{BufferStyle, LineJoin};
 use geo::orient::{Direction, Orient};
-use geo::{Buffer, Coord, CoordsIter, Distance, Euclidean, MapCoords, MultiPolygon, Point, Validation, unary_union};
+use geo::{
+    Area, Buffer, Coord, CoordsIter, Distance, Euclidean, Length, LineString, MapCoords, MultiPolygon, Point, Polygon,
+    Validation, unary_union,
+};
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 
@@ -146,11 +149,22 @@ fn stretched(structure: &Structure, factor: f64) -> Structure {
     Structure { shape, ..structure.clone() }
 }
 
-/// The outline moved outward, corners to whole millimetres where it stays a sound outline by that: a court that all but closes may cross
-/// itself. An outline that is too small for the offsetting to work on stays.
+/// A court that is left narrower than this is closed, m: in whole millimetres, or in a file, its walls may touch.
+const LEAST_COURT_M: f64 = 0.05;
+
+/// The outline moved outward, corners to whole millimetres where it stays a sound outline by that. An outline that is too small for the
+/// offsetting to work on stays.
 fn dilated(outline: &MultiPolygon<f64>, outward_m: f64) -> MultiPolygon<f64> {
     let style = BufferStyle::new(outward_m).line_join(LineJoin::Round(ARC_PIECE_RAD));
-    let grown = outline.buffer_with_style(style).orient(Direction::Default);
+    let mut grown = outline.buffer_with_style(style).orient(Direction::Default);
+    for part in &mut grown {
+        let is_open = |court: &LineString| {
+            let area_m2 = Polygon::new(court.clone(), Vec::new()).unsigned_area();
+            2.0 * area_m2 >= LEAST_COURT_M * Euclidean.length(court)
+        };
+        let courts = part.interiors().iter().filter(|court| is_open(court)).cloned().collect();
+        *part = Polygon::new(part.exterior().clone(), courts);
+    }
     let rounded = grown.map_coords(|corner| Coord { x: round_mm(corner.x), y: round_mm(corner.y) });
     let is_sound = |outline: &MultiPolygon<f64>| !outline.0.is_empty() && outline.is_valid();
     let united = || unary_union(&grown.0).orient(Direction::Default);
@@ -172,7 +186,7 @@ fn round_mm(metres: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use geo::{Area, Contains, Polygon, polygon};
+    use geo::{Contains, polygon};
     use nalgebra::Point3;
     use proptest::prelude::*;
 
@@ -233,6 +247,8 @@ mod tests {
         let block = BlockSettings { seed: 3_852_719_170_365_941_968, buildings: 49, ..Default::default() };
         let degraded = degrade(&generate_block(&block), &Degradation { boundary: Boundary::Rough, ..NOTHING });
         assert!(degraded.scene.structures.iter().all(|structure| structure.outlines().is_valid()));
+        let (_, report) = read("block.geojson", to_geojson(&degraded.scene).as_bytes(), &Settings::default().proxy).unwrap();
+        assert_eq!(report.items, Vec::new());
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::scene::{self, BlockSettings, Scene};
 use crate::trajectory::plan::{Plan, RunTimes};
 
 /// Rounds of the refinement: as few as a show has patience for.
-const ROUNDS: u32 = 48;
+const ROUNDS: u32 = 16;
 
 /// How much taller one building becomes.
 const RAISE_M: f64 = 15.0;

@@ -45,13 +45,14 @@ pub fn plan(
     let settings = &with_goal(settings, options.goal_percent);
     let rig = &flown_rig(options, settings);
     let problem = Problem::wanted(snapshot, settings, rig.clone(), &Wanted { region: options.region()?, gsd_m: options.gsd_m });
-    let matched = problem.enough_matched(matched_goal_percent(settings, options));
-    if problem.capturable == 0 && matched == 0 {
+    if problem.capturable == 0 {
         let (range_m, ceiling_m) = (problem.disks.range_m(), settings.flight.legal_ceiling_m);
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
     }
+    let matched_goal_percent = matched_goal_percent(settings, options);
+    let matched = problem.enough_matched(matched_goal_percent);
     let Found { route, convergence, stop: reason } = match options.method {
-        Method::Refined => refined(snapshot, settings, &problem, options, stop, on_progress)?,
+        Method::Refined => refined(snapshot, settings, &problem, options, matched, stop, on_progress)?,
         Method::Paper => {
             let iterations = options.iterations.unwrap_or(settings.search.iterations);
             Found::of(tree_search(snapshot, settings, &problem, options, iterations, stop, on_progress)?, &problem)
@@ -91,7 +92,7 @@ pub fn plan(
         cells: capture.cells,
         ceilings: problem.ceilings,
         goal_percent: settings.coverage.goal_percent,
-        matched_goal_percent: matched_goal_percent(settings, options),
+        matched_goal_percent,
         clearance_m,
         convergence,
         stop: reason,
@@ -127,12 +128,13 @@ fn tree_search(
     Ok(search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?)
 }
 
-/// Beyond the paper: a small tree, whose flight is then improved.
+/// Beyond the paper: a small tree, whose flight is then improved until `matched` samples, if that is wanted, are matched as well.
 fn refined(
     snapshot: &Snapshot,
     settings: &Settings,
     problem: &Problem,
     options: &PlanOptions,
+    matched: u32,
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Found, PlanError> {
@@ -146,12 +148,11 @@ fn refined(
     let mut tree = tree_search(snapshot, settings, problem, options, settings.refine.tree_iterations, stop, &mut |_| {})?;
     if tree.path.len() < 2 {
         // One view may capture enough; it never matches anything.
-        if problem.enough_matched(matched_goal_percent(settings, options)) > 0 && tree.stop == StopReason::GoalReached {
+        if matched > 0 && tree.stop == StopReason::GoalReached {
             tree.stop = StopReason::IterationsUsed;
         }
         return Ok(Found::of(tree, problem));
     }
-    let matched = problem.enough_matched(matched_goal_percent(settings, options));
     let (aim, counting) = match (options.objective, options.within_s) {
         (Objective::Eq6, _) => (Aim::MostObjective, Counting::Everything),
         (Objective::Time, Some(within_s)) => (Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 }, Counting::Captured),

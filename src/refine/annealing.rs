@@ -12,9 +12,10 @@ use rayon::prelude::*;
 
 use super::Confirmed;
 use super::cells::Totals;
+use super::choice::{Choice, Returns};
 use super::counts::Worth;
 use super::draft::Splice;
-use super::flight::{Demand, Flight, Prices, Pursuit};
+use super::flight::{Demand, Flight, Prices, Pursuit, Trial};
 use super::ground::Ground;
 use super::moves::{self, exponential};
 use crate::camera::Pose;
@@ -54,6 +55,7 @@ pub struct Annealing<'a> {
     seed: u64,
     flight: Flight,
     demand: Demand,
+    choice: Choice,
     best: Best,
     /// Rounds so far, and changes that were tried in them.
     rounds: u32,
@@ -115,7 +117,8 @@ impl<'a> Annealing<'a> {
         };
         let record = Iteration { objective: f64::NEG_INFINITY, coverage_percent: 0.0, length_m: 0.0, turning_s: 0.0 };
         let best = Best { path: path.to_vec(), worth: Worth::default(), duration_ns: u64::MAX, record };
-        let mut annealing = Self { ground, aim, within_ns, seed, flight, demand, best, rounds: 0, tried: 0 };
+        let mut annealing =
+            Self { ground, aim, within_ns, seed, flight, demand, choice: Choice::new(), best, rounds: 0, tried: 0 };
         annealing.keep_best();
         annealing
     }
@@ -164,23 +167,28 @@ impl<'a> Annealing<'a> {
             _ => Pursuit::Time(self.demand),
         };
         let sectors = self.sectors();
-        let flights: Vec<Flight> = sectors
+        let choice = &self.choice;
+        let (flights, returns): (Vec<Flight>, Vec<Returns>) = sectors
             .par_iter()
             .enumerate()
             .map(|(worker, sector)| {
                 let mut random = ChaCha8Rng::seed_from_u64(self.seed);
                 random.set_stream(u64::from(self.rounds) << 8 | worker as u64);
                 let mut flight = self.flight.clone();
-                let mut splice = Splice::default();
+                let (mut splice, mut returns) = (Splice::default(), Returns::default());
                 for _ in 0..steps {
-                    if moves::propose(ground, &flight, required, *sector, &mut random, &mut splice) {
+                    let kind = choice.draw(&mut random);
+                    let mut trial = Trial::default();
+                    if moves::propose(ground, &flight, required, *sector, kind, &mut random, &mut splice) {
                         let most_ns = temperature_ns * exponential(&mut random);
-                        flight.attempt(ground, &splice, &pursuit, most_ns);
+                        trial = flight.attempt(ground, &splice, &pursuit, most_ns);
                     }
+                    returns.note(kind, trial.gained.unwrap_or(0.0), trial.views);
                 }
-                flight
+                (flight, returns)
             })
-            .collect();
+            .unzip();
+        self.choice.learn(returns.iter());
         self.tried += u64::from(steps) * sectors.len() as u64;
         self.rounds += 1;
         self.flight = joined(ground, flights, &sectors);

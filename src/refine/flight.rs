@@ -85,71 +85,71 @@ impl Flight {
     }
 
     /// Makes a change if it keeps all limits and makes the flight worse by no more than `most_ns`; a change that is not made leaves no trace.
-    pub fn attempt(&mut self, ground: &Ground, splice: &Splice, pursuit: &Pursuit, most_ns: f64) -> bool {
+    pub fn attempt(&mut self, ground: &Ground, splice: &Splice, pursuit: &Pursuit, most_ns: f64) -> Trial {
         let Self { waypoints, counts, timeline, retimed } = self;
         let draft = Draft::new(waypoints, splice, ground.is_rigid);
+        let mut trial = Trial::default();
         if draft.count < 2 || !draft.new_legs().all(|k| ground.is_flyable(&draft.pose(k), &draft.pose(k + 1))) {
-            return false;
+            return trial;
         }
         timeline.retime(retimed, splice.range.clone(), splice.stops.len(), |k| draft.pose(k));
-        let most_shortfall = match pursuit {
-            // Time and shortfall may grow by so much together.
-            Pursuit::Time(demand) => {
-                demand.shortfall_ns(counts) + most_ns - (retimed.total_ns as f64 - timeline.total_ns() as f64)
-            }
-            Pursuit::Objective(objective) => {
-                let before = objective.travel(&waypoints.iter().map(|waypoint| waypoint.pose).collect::<Vec<_>>());
-                let after = objective.travel(&(0..draft.count).map(|k| draft.pose(k)).collect::<Vec<_>>());
-                let at_start = |sights: &Sights| counts.cells.information_of(sights);
-                let old = at_start(&waypoints[0].seen);
-                let information = counts.cells.totals().information.saturating_sub(old);
-                let now = objective.value(&PathSums { information, ..before });
-                // Eq. 6 sums from k = 2: what the view at the start sees belongs to no leg.
-                let new = match draft.stop(0) {
-                    Stop::Kept(start) => at_start(&waypoints[start].seen),
-                    Stop::New(pose) => at_start(&ground.at_waypoint(&pose, Look::Rays)),
-                };
-                -objective.gain_for(now - objective.worth_of_s(most_ns * 1e-9), &after) - objective.gain(new)
-            }
-        };
+        let longer_ns = retimed.total_ns as f64 - timeline.total_ns() as f64;
+        // The shortfall with which the flight is as good as before, and the one with which it may be made.
+        let [even, most] = [0.0, most_ns].map(|most_ns| pursuit.allowed(ground, waypoints, counts, &draft, [longer_ns, most_ns]));
         let is_safe = |k: usize| ground.problem.free.is_leg_safe(&draft.pose(k).position, &draft.pose(k + 1).position);
-        if pursuit.least_shortfall(counts) > most_shortfall || !draft.new_legs().all(is_safe) {
-            return false;
+        if pursuit.least_shortfall(counts) > most || !draft.new_legs().all(is_safe) {
+            return trial;
         }
 
         let dropped = Sighted::dropped(waypoints, &draft);
         dropped.iter().for_each(|sights| counts.cells.remove(sights));
         let mut made = Sighted::made(ground, &draft, Look::Field);
+        trial.views += dropped.views() + made.views();
         if counts.is_full(made.iter().map(Sights::images).sum()) {
             dropped.iter().for_each(|sights| counts.cells.add(sights));
-            return false;
+            return trial;
         }
         made.iter().for_each(|sights| counts.cells.add(sights));
         // Most changes fail by their cells alone, whatever would match.
-        if pursuit.least_shortfall_by_cells(counts) > most_shortfall {
+        if pursuit.least_shortfall_by_cells(counts) > most {
             made.iter().for_each(|sights| counts.cells.remove(sights));
             dropped.iter().for_each(|sights| counts.cells.add(sights));
-            return false;
+            return trial;
         }
+        trial.views += dropped.views() + made.views();
         dropped.iter().for_each(|sights| counts.matches.remove(sights));
         made.iter().for_each(|sights| counts.matches.add(sights));
-        if pursuit.shortfall(counts) <= most_shortfall {
+        if pursuit.shortfall(counts) <= most {
             // The field promises enough. What counts is what the images really see.
+            trial.views += RAY_VIEWS * made.views();
             made.iter().for_each(|sights| counts.remove(sights));
             made = Sighted::made(ground, &draft, Look::Rays);
             made.iter().for_each(|sights| counts.add(sights));
         }
-        if pursuit.shortfall(counts) > most_shortfall {
+        let shortfall = pursuit.shortfall(counts);
+        if shortfall > most {
             made.iter().for_each(|sights| counts.remove(sights));
             dropped.iter().for_each(|sights| counts.add(sights));
-            return false;
+            return trial;
         }
         let fresh = made.waypoints(ground, waypoints, &draft);
         waypoints.splice(draft.touched().start..splice.range.end, fresh);
         timeline.commit(retimed);
-        true
+        Trial { gained: Some(even - shortfall), ..trial }
     }
 }
+
+/// What came of a change that was tried.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Trial {
+    /// By how much the flight became better if the change was made, in the units of the shortfall.
+    pub gained: Option<f64>,
+    /// Views of samples that were looked at.
+    pub views: usize,
+}
+
+/// A view by a ray takes about as long as so many by the field.
+const RAY_VIEWS: usize = 8;
 
 /// What a flight is improved for.
 #[derive(Clone, Copy, Debug)]
@@ -161,6 +161,33 @@ pub enum Pursuit<'a> {
 }
 
 impl Pursuit<'_> {
+    /// The shortfall with which a flight that a change makes longer by `longer_ns` is worse by `most_ns`.
+    fn allowed(
+        &self,
+        ground: &Ground,
+        waypoints: &[Waypoint],
+        counts: &Counts,
+        draft: &Draft,
+        [longer_ns, most_ns]: [f64; 2],
+    ) -> f64 {
+        let objective = match self {
+            // Time and shortfall may grow by so much together.
+            Self::Time(demand) => return demand.shortfall_ns(counts) + most_ns - longer_ns,
+            Self::Objective(objective) => objective,
+        };
+        let before = objective.travel(&waypoints.iter().map(|waypoint| waypoint.pose).collect::<Vec<_>>());
+        let after = objective.travel(&(0..draft.count).map(|k| draft.pose(k)).collect::<Vec<_>>());
+        let at_start = |sights: &Sights| counts.cells.information_of(sights);
+        let information = counts.cells.totals().information.saturating_sub(at_start(&waypoints[0].seen));
+        let now = objective.value(&PathSums { information, ..before });
+        // Eq. 6 sums from k = 2: what the view at the start sees belongs to no leg.
+        let new = match draft.stop(0) {
+            Stop::Kept(start) => at_start(&waypoints[start].seen),
+            Stop::New(pose) => at_start(&ground.at_waypoint(&pose, Look::Rays)),
+        };
+        -objective.gain_for(now - objective.worth_of_s(most_ns * 1e-9), &after) - objective.gain(new)
+    }
+
     fn shortfall(&self, counts: &Counts) -> f64 {
         match self {
             Self::Time(demand) => demand.shortfall_ns(counts),
@@ -237,6 +264,11 @@ impl Sighted {
         });
         let legs = draft.new_legs().map(|k| (k, ground.on_leg(&draft.pose(k), &draft.pose(k + 1), look)));
         Self { waypoints: stops.collect(), legs: legs.collect() }
+    }
+
+    /// Views of samples in all of them.
+    fn views(&self) -> usize {
+        self.iter().map(Sights::len).sum()
     }
 
     fn iter(&self) -> impl Iterator<Item = &Sights> {

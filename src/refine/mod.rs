@@ -6,6 +6,7 @@
 
 mod annealing;
 mod cells;
+mod choice;
 mod counts;
 mod draft;
 mod flight;

@@ -41,25 +41,9 @@ pub enum Move {
     Merge,
 }
 
-/// How often each kind is tried, in parts of all. Twice or half as often made no difference that could be measured on the block of
-/// NY-1's size.
-const WEIGHTS: [(Move, f64); 15] = [
-    (Move::Remove, 2.0),
-    (Move::RemoveRun, 0.5),
-    (Move::Insert, 1.5),
-    (Move::Visit, 1.5),
-    (Move::Divert, 0.5),
-    (Move::Shift, 4.0),
-    (Move::ShiftLeg, 0.75),
-    (Move::Straighten, 1.0),
-    (Move::Turn, 2.5),
-    (Move::TurnRun, 0.5),
-    (Move::Aim, 1.0),
-    (Move::Reverse, 0.75),
-    (Move::Relocate, 0.75),
-    (Move::Swap, 0.25),
-    (Move::Merge, 0.5),
-];
+impl Move {
+    pub const COUNT: usize = Self::Merge as usize + 1;
+}
 
 /// Standard deviations of a shift, m.
 const SHIFTS_M: [f64; 3] = [1.5, 4.0, 12.0];
@@ -87,19 +71,18 @@ fn normal(random: &mut ChaCha8Rng) -> Vector3<f64> {
     Vector3::new(one(), one(), one())
 }
 
-/// Proposes a change within a sector; `false` when the one that was drawn is not possible here.
+/// Proposes a change of one kind within a sector; `false` when it is not possible where it was drawn.
 pub fn propose(
     ground: &Ground,
     flight: &Flight,
     required: Worth,
     sector: Sector,
+    kind: Move,
     random: &mut ChaCha8Rng,
     splice: &mut Splice,
 ) -> bool {
     splice.stops.clear();
-    let mut proposal = Proposal { ground, flight, required, sector, random, splice };
-    let kind = proposal.draw();
-    proposal.make(kind).is_some()
+    Proposal { ground, flight, required, sector, random, splice }.make(kind).is_some()
 }
 
 struct Proposal<'p> {
@@ -112,18 +95,6 @@ struct Proposal<'p> {
 }
 
 impl Proposal<'_> {
-    fn draw(&mut self) -> Move {
-        let total: f64 = WEIGHTS.iter().map(|(_, weight)| weight).sum();
-        let mut left = uniform(self.random) * total;
-        for (kind, weight) in WEIGHTS {
-            left -= weight;
-            if left < 0.0 {
-                return kind;
-            }
-        }
-        Move::Shift
-    }
-
     /// Fills the splice; nothing when the change is not possible.
     fn make(&mut self, kind: Move) -> Option<()> {
         match kind {

@@ -23,6 +23,11 @@ impl Sights {
         self.images += 1;
     }
 
+    /// Views of samples, one for each image that sees one.
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
     pub fn images(&self) -> usize {
         self.images
     }

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
 
 use super::annealing::{Aim, Annealing, Sector};
+use super::choice::Choice;
 use super::counts::Worth;
 use super::draft::Splice;
 use super::flight::{Demand, Flight, Prices, Pursuit};
@@ -69,16 +70,18 @@ fn figures(flight: &Flight, ground: &Ground) -> (u64, Worth, Vec<u32>, Vec<bool>
 #[test]
 fn a_flight_changed_step_by_step_is_the_one_made_anew() {
     for_every_rig(|ground, path, settings, _| {
+        let choice = Choice::new();
         let mut random = ChaCha8Rng::seed_from_u64(9);
         let mut flight = Flight::new(ground, path);
         let (mut splice, mut made) = (Splice::default(), 0);
         for step in 0..3000 {
             let sector = Sector { head: 0, tail: 0 };
-            if !moves::propose(ground, &flight, required(ground), sector, &mut random, &mut splice) {
+            let kind = choice.draw(&mut random);
+            if !moves::propose(ground, &flight, required(ground), sector, kind, &mut random, &mut splice) {
                 continue;
             }
             let before = (step % 100 == 0).then(|| figures(&flight, ground));
-            if flight.attempt(ground, &splice, &Pursuit::Time(demand(ground)), 1e9) {
+            if flight.attempt(ground, &splice, &Pursuit::Time(demand(ground)), 1e9).gained.is_some() {
                 made += 1;
             } else if let Some(before) = before {
                 assert_eq!(figures(&flight, ground), before, "a change that is not made leaves no trace");
@@ -147,14 +150,16 @@ fn the_paper_s_objective_only_falls_by_what_a_change_may_cost_and_rises_with_the
             let at_start: u64 = alone.masks().map(|(i, mask)| u64::from(mask.count_ones()) * problem.areas_mm2[i]).sum();
             objective.value(&PathSums { information: information - at_start, ..objective.travel(&flight.path()) })
         };
+        let choice = Choice::new();
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let (mut flight, mut splice, mut made) = (Flight::new(&ground, path), Splice::default(), 0);
         let allowed = objective.worth_of_s(0.2);
         for _ in 0..600 {
             let before = value(&flight);
             let sector = Sector { head: 0, tail: 0 };
-            if moves::propose(&ground, &flight, Worth::default(), sector, &mut random, &mut splice)
-                && flight.attempt(&ground, &splice, &Pursuit::Objective(objective), 0.2e9)
+            let kind = choice.draw(&mut random);
+            if moves::propose(&ground, &flight, Worth::default(), sector, kind, &mut random, &mut splice)
+                && flight.attempt(&ground, &splice, &Pursuit::Objective(objective), 0.2e9).gained.is_some()
             {
                 made += 1;
                 let after = value(&flight);

@@ -219,7 +219,7 @@ mod tests {
         ) {
             let matching = Matching::new(&Settings::default().quality);
             let mut views = MatchedViews::default();
-            let bearings: Vec<Bearing> = angles_deg.iter().map(|&angle_deg| tilted(f64::from(angle_deg) * 0.999)).collect();
+            let bearings: Vec<Bearing> = angles_deg.iter().map(|&angle_deg| tilted(f64::from(angle_deg) * 0.995)).collect();
             bearings.iter().for_each(|&view| views.add(&matching, view));
             bearings.iter().zip(&leaves).filter(|(_, leaves)| **leaves).for_each(|(&view, _)| views.remove(&matching, view));
             let stay: Vec<i32> = angles_deg.iter().zip(&leaves).filter(|(_, leaves)| !**leaves).map(|(&angle, _)| angle).collect();

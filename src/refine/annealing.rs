@@ -56,6 +56,8 @@ pub struct Annealing<'a> {
     flight: Flight,
     demand: Demand,
     choice: Choice,
+    /// What the flight was worth when the prices were adjusted last.
+    worth: Worth,
     best: Best,
     /// Rounds so far, and changes that were tried in them.
     rounds: u32,
@@ -94,6 +96,9 @@ const MATCHED_SHARE: f64 = 0.1;
 /// More samples than this share beyond the demand are far too many.
 const LAVISH_SHARE: f64 = 0.01;
 
+/// While a round leaves less than this share of the missing samples missing, their price will do.
+const PROGRESS: f64 = 0.95;
+
 /// What a sample costs at least and at most, ns.
 const PRICES_NS: (f64, f64) = (1e7, 60e9);
 
@@ -117,8 +122,19 @@ impl<'a> Annealing<'a> {
         };
         let record = Iteration { objective: f64::NEG_INFINITY, coverage_percent: 0.0, length_m: 0.0, turning_s: 0.0 };
         let best = Best { path: path.to_vec(), worth: Worth::default(), duration_ns: u64::MAX, record };
-        let mut annealing =
-            Self { ground, aim, within_ns, seed, flight, demand, choice: Choice::new(), best, rounds: 0, tried: 0 };
+        let mut annealing = Self {
+            ground,
+            aim,
+            within_ns,
+            seed,
+            flight,
+            demand,
+            choice: Choice::new(),
+            worth: Worth::default(),
+            best,
+            rounds: 0,
+            tried: 0,
+        };
         annealing.keep_best();
         annealing
     }
@@ -211,12 +227,18 @@ impl<'a> Annealing<'a> {
         (0..sectors).map(|k| Sector { head: head(k), tail: tail(k) }).collect()
     }
 
-    /// A sample becomes dearer while samples are missing, and cheaper while there are enough; much cheaper while there are far too many.
+    /// A sample becomes dearer while samples are missing and do not get much fewer, and cheaper while there are enough; much cheaper while there
+    /// are far too many.
     fn adjust_price(&mut self) {
         let (worth, required, most) = (self.flight.counts.worth(), self.demand.required, self.flight.counts.most());
+        let before = std::mem::replace(&mut self.worth, worth);
         let is_early = self.flight.duration_ns() < self.within_ns;
         let settings = self.ground.settings;
-        let adjusted = |price_ns: f64, worth: u32, required: u32, most: u32| {
+        let adjusted = |price_ns: f64, [before, worth, required, most]: [u32; 4]| {
+            let missing = |worth: u32| f64::from(required.saturating_sub(worth));
+            if worth < required && missing(worth) < PROGRESS * missing(before) {
+                return price_ns;
+            }
             let (is_short, is_lavish) = match self.aim {
                 Aim::LeastTime { .. } => {
                     (worth < required, f64::from(worth.saturating_sub(required)) > LAVISH_SHARE * f64::from(most))
@@ -232,8 +254,8 @@ impl<'a> Annealing<'a> {
         };
         let Prices { captured, matched } = self.demand.prices_ns;
         self.demand.prices_ns = Prices {
-            captured: adjusted(captured, worth.captured, required.captured, most.captured),
-            matched: adjusted(matched, worth.matched, required.matched, most.matched),
+            captured: adjusted(captured, [before, worth, required, most].map(|worth| worth.captured)),
+            matched: adjusted(matched, [before, worth, required, most].map(|worth| worth.matched)),
         };
     }
 

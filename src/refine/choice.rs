@@ -29,7 +29,7 @@ const WEIGHTS: [(Move, f64); Move::COUNT] = [
 ];
 
 /// Share of a kind's weight that it keeps whatever it returns: a flight may come to where it is wanted again.
-const STEADY_SHARE: f64 = 0.2;
+const STEADY_SHARE: f64 = 0.1;
 
 /// A kind is tried at most so many times as often as at equal returns.
 const MOST_FACTOR: f64 = 8.0;
@@ -38,7 +38,7 @@ const MOST_FACTOR: f64 = 8.0;
 const REMAINS: f64 = 0.95;
 
 /// Effort at the common return that every kind is credited with, so that few trials do not decide; in views.
-const PRIOR_EFFORT: f64 = 20_000.0;
+const PRIOR_EFFORT: f64 = 5_000.0;
 
 /// The weights of the kinds as they have been learned.
 #[derive(Clone, Debug)]
@@ -115,3 +115,61 @@ impl Returns {
 
 /// What it takes to propose a change and to give it up at once, in views.
 const PROPOSAL_VIEWS: f64 = 100.0;
+
+#[cfg(test)]
+mod tests {
+    use rand_core::SeedableRng;
+
+    use super::*;
+
+    fn drawn(choice: &Choice) -> [u32; Move::COUNT] {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut counts = [0; Move::COUNT];
+        (0..20_000).for_each(|_| counts[choice.draw(&mut random) as usize] += 1);
+        counts
+    }
+
+    #[test]
+    fn without_experience_each_kind_comes_by_its_weight() {
+        let counts = drawn(&Choice::new());
+        let total: f64 = WEIGHTS.iter().map(|(_, weight)| weight).sum();
+        for (kind, weight) in WEIGHTS {
+            let expected = 20_000.0 * weight / total;
+            assert!((f64::from(counts[kind as usize]) - expected).abs() < 5.0 * expected.sqrt(), "{kind:?}: {counts:?}");
+        }
+    }
+
+    #[test]
+    fn a_kind_that_pays_comes_more_often_and_none_is_given_up() {
+        let mut choice = Choice::new();
+        let before = drawn(&choice);
+        for _ in 0..50 {
+            let mut returns = Returns::default();
+            for (kind, _) in WEIGHTS {
+                let gained = if kind == Move::Visit { 9e9 } else { 1e8 };
+                (0..10).for_each(|_| returns.note(kind, gained, 1000));
+            }
+            returns.note(Move::Swap, -1e12, 1000);
+            choice.learn([returns].iter());
+        }
+        let after = drawn(&choice);
+        assert!(after[Move::Visit as usize] > 3 * before[Move::Visit as usize], "{after:?}");
+        assert!(after.iter().all(|count| *count > 0), "{after:?}");
+    }
+
+    #[test]
+    fn the_same_gain_for_less_effort_counts_for_more() {
+        let mut choice = Choice::new();
+        let before = drawn(&choice);
+        for _ in 0..50 {
+            let mut returns = Returns::default();
+            (0..20).for_each(|_| returns.note(Move::Shift, 1e9, 5000));
+            (0..20).for_each(|_| returns.note(Move::Insert, 1e9, 100));
+            choice.learn([returns].iter());
+        }
+        let after = drawn(&choice);
+        let share = |counts: &[u32; Move::COUNT], kind: Move| f64::from(counts[kind as usize]);
+        assert!(share(&after, Move::Insert) > 2.0 * share(&before, Move::Insert), "{after:?}");
+        assert!(share(&after, Move::Shift) < share(&before, Move::Shift), "{after:?}");
+    }
+}

@@ -95,7 +95,7 @@ impl Flight {
         timeline.retime(retimed, splice.range.clone(), splice.stops.len(), |k| draft.pose(k));
         let longer_ns = retimed.total_ns as f64 - timeline.total_ns() as f64;
         // The shortfall with which the flight is as good as before, and the one with which it may be made.
-        let [even, most] = [0.0, most_ns].map(|most_ns| pursuit.allowed(ground, waypoints, counts, &draft, [longer_ns, most_ns]));
+        let [even, most] = pursuit.allowed(ground, waypoints, counts, &draft, [longer_ns, most_ns]);
         let is_safe = |k: usize| ground.problem.free.is_leg_safe(&draft.pose(k).position, &draft.pose(k + 1).position);
         if pursuit.least_shortfall(counts) > most || !draft.new_legs().all(is_safe) {
             return trial;
@@ -161,7 +161,7 @@ pub enum Pursuit<'a> {
 }
 
 impl Pursuit<'_> {
-    /// The shortfall with which a flight that a change makes longer by `longer_ns` is worse by `most_ns`.
+    /// The shortfalls with which a flight that a change makes longer by `longer_ns` is as good as before, and worse by `most_ns`.
     fn allowed(
         &self,
         ground: &Ground,
@@ -169,10 +169,10 @@ impl Pursuit<'_> {
         counts: &Counts,
         draft: &Draft,
         [longer_ns, most_ns]: [f64; 2],
-    ) -> f64 {
+    ) -> [f64; 2] {
         let objective = match self {
             // Time and shortfall may grow by so much together.
-            Self::Time(demand) => return demand.shortfall_ns(counts) + most_ns - longer_ns,
+            Self::Time(demand) => return [0.0, most_ns].map(|most_ns| demand.shortfall_ns(counts) + most_ns - longer_ns),
             Self::Objective(objective) => objective,
         };
         let before = objective.travel(&waypoints.iter().map(|waypoint| waypoint.pose).collect::<Vec<_>>());
@@ -185,7 +185,8 @@ impl Pursuit<'_> {
             Stop::Kept(start) => at_start(&waypoints[start].seen),
             Stop::New(pose) => at_start(&ground.at_waypoint(&pose, Look::Rays)),
         };
-        -objective.gain_for(now - objective.worth_of_s(most_ns * 1e-9), &after) - objective.gain(new)
+        let new = objective.gain(new);
+        [0.0, most_ns].map(|most_ns| -objective.gain_for(now - objective.worth_of_s(most_ns * 1e-9), &after) - new)
     }
 
     fn shortfall(&self, counts: &Counts) -> f64 {
@@ -236,11 +237,21 @@ impl Demand {
             + prices_ns.matched * (self.missing(required.matched, worth.matched) + views)
     }
 
+    /// Missing samples, each of those beyond the first few as several: a flight must not run away from its goal while the price is low.
     fn missing(&self, required: u32, there: u32) -> f64 {
         let missing = f64::from(required) - f64::from(there);
-        if missing < 0.0 { missing * self.surplus_share } else { missing }
+        if missing < 0.0 {
+            return missing * self.surplus_share;
+        }
+        let few = f64::from(required) * FEW_SHARE;
+        let (steep, beyond) = (missing.min(few), (missing - few).max(0.0));
+        missing + (MOST_FACTOR - 1.0) * (steep * steep / (2.0 * few).max(1e-9) + beyond)
     }
 }
+
+/// Share of the required samples that are few, and the factor of the price of those beyond them. It grows from 1 on.
+const FEW_SHARE: f64 = 0.02;
+const MOST_FACTOR: f64 = 4.0;
 
 /// What images see that come or go with a change: those at waypoints and those on legs, with their numbers.
 struct Sighted {

@@ -58,17 +58,22 @@ pub fn rounds_of(settings: &Settings, problem: &Problem) -> u32 {
     (f64::from(settings.refine.rounds) * size.max(1.0)).min(f64::from(MOST_ITERATIONS)) as u32
 }
 
-/// Rounds before it is decided how many fit into the seconds.
-const WARM_UP: u32 = 8;
+/// Rounds at the highest temperature: a tenth of all, but at least so many. With a budget of seconds it is decided at their end how many rounds fit,
+/// so that the same number of rounds gives the same flight.
+const HOT_SHARE: u32 = 10;
+const LEAST_HOT: u32 = 8;
 
-/// Later rounds take this share of the time of the first ones: the flight is shorter then, and fewer changes are accepted.
-const LATER_SHARE: f64 = 0.75;
+/// Later rounds take this share of the time of the latest hot ones: fewer changes are accepted.
+const LATER_SHARE: f64 = 0.8;
+
+/// Share of the time that is left for the last repairs.
+const RESERVE: f64 = 0.05;
 
 /// How often it is looked at what the flight really captures: after shares of the rounds, then at the end, as long as samples are missing and
-/// with so many more rounds each time, as a share of all.
+/// with more rounds each time: such a share of all, then twice as many, and so on.
 const CALIBRATIONS: [f64; 3] = [0.5, 0.75, 0.9];
-const REPAIRS: u32 = 4;
-const REPAIR_SHARE: f64 = 0.04;
+const REPAIRS: u32 = 6;
+const REPAIR_SHARE: f64 = 0.02;
 
 /// Improves a flight round by round. `confirm` tells what a finished flight is really worth; what it captures more or less than was
 /// counted on decides how many samples are demanded.
@@ -87,7 +92,8 @@ pub fn refine(
         Budget::Rounds(rounds) => rounds,
         Budget::Until(_) => u32::MAX,
     };
-    let begun_s = stop.elapsed_s();
+    let mut pace = Pace::default();
+    pace.note(0, stop.elapsed_s());
     let mut tell = |record: Iteration, done: u32, rounds: u32| {
         let Iteration { coverage_percent, length_m, objective, .. } = record;
         on_progress(&Progress { iteration: done, iterations: rounds.max(done), coverage_percent, length_m, objective });
@@ -97,14 +103,15 @@ pub fn refine(
         annealing.round(temperature_s(ground, done, rounds) * 1e9);
         done += 1;
         convergence.push(annealing.record());
-        if done == WARM_UP
-            && let (Budget::Until(until_s), Some(begun_s), Some(now_s)) = (budget, begun_s, stop.elapsed_s())
+        pace.note(done, stop.elapsed_s());
+        if let Budget::Until(until_s) = budget
+            && rounds == u32::MAX
+            && let Some(fitting) = pace.fitting(until_s)
         {
-            let round_s = (now_s - begun_s) / f64::from(WARM_UP) * LATER_SHARE;
-            rounds = done + ((until_s - now_s).max(0.0) / round_s.max(1e-6)) as u32;
+            rounds = fitting;
         }
         tell(annealing.record(), done, rounds);
-        if done > WARM_UP && CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32) {
+        if done > hot_rounds(rounds) && CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32) {
             annealing.calibrate(&confirm(&annealing.best().path));
         }
     }
@@ -122,7 +129,7 @@ pub fn refine(
             break;
         }
         annealing.calibrate(&really);
-        for _ in 0..(f64::from(rounds) * REPAIR_SHARE).ceil() as u32 {
+        for _ in 0..(f64::from(rounds * (repair + 1)) * REPAIR_SHARE).ceil() as u32 {
             annealing.round(ground.settings.coldest_s * 1e9);
             tell(annealing.record(), done, rounds);
         }
@@ -133,9 +140,65 @@ pub fn refine(
 /// From the hottest to the coldest, by equal factors; hottest while it is not known how many rounds there will be.
 fn temperature_s(ground: &Ground, done: u32, rounds: u32) -> f64 {
     let [hottest, coldest] = [ground.settings.hottest_s, ground.settings.coldest_s];
-    if done < WARM_UP || rounds <= WARM_UP + 1 {
+    let hot = hot_rounds(rounds);
+    if done < hot || rounds <= hot + 1 {
         return hottest;
     }
-    let share = f64::from(done - WARM_UP) / f64::from(rounds - WARM_UP - 1);
+    let share = f64::from(done - hot) / f64::from(rounds - hot - 1);
     hottest * libm::pow(coldest / hottest, share)
+}
+
+/// How many of the rounds are hot.
+fn hot_rounds(rounds: u32) -> u32 {
+    (rounds / HOT_SHARE).max(LEAST_HOT)
+}
+
+/// When each of the hot rounds ended, s; where there is a clock.
+#[derive(Debug, Default)]
+struct Pace(Vec<f64>);
+
+impl Pace {
+    fn note(&mut self, done: u32, now_s: Option<f64>) {
+        self.0.extend(now_s.filter(|_| done as usize == self.0.len()));
+    }
+
+    /// All rounds that fit in until `until_s`, if the hot ones of them are over: as many as make just those the hot ones.
+    fn fitting(&self, until_s: f64) -> Option<u32> {
+        let done = u32::try_from(self.0.len().checked_sub(1)?).ok().filter(|&done| done >= LEAST_HOT)?;
+        let (now_s, half) = (self.0[done as usize], done / 2);
+        let round_s = (now_s - self.0[half as usize]) / f64::from(done - half) * LATER_SHARE;
+        let left_s = until_s - (until_s - self.0[0]) * RESERVE - now_s;
+        let fitting = done + (left_s.max(0.0) / round_s.max(1e-6)).min(f64::from(MOST_ITERATIONS)) as u32;
+        if done == LEAST_HOT && fitting < (LEAST_HOT + 1) * HOT_SHARE {
+            return Some(fitting);
+        }
+        (fitting / HOT_SHARE <= done).then_some(done * HOT_SHARE)
+    }
+}
+
+#[cfg(test)]
+mod pace_tests {
+    use super::*;
+
+    #[test]
+    fn the_rounds_that_fit_are_decided_when_a_tenth_of_them_is_over() {
+        for (round_s, until_s) in [(0.02, 1.0), (0.02, 10.0), (0.001, 1.0), (0.5, 1.0), (0.003, 7.0)] {
+            let mut pace = Pace::default();
+            let decided = (0..100_000u32).find_map(|done| {
+                pace.note(done, Some(f64::from(done) * round_s));
+                Some((done, pace.fitting(until_s)?))
+            });
+            let (done, rounds) = decided.expect("some time they are");
+            assert_eq!(done, hot_rounds(rounds), "{rounds} rounds of {round_s} s until {until_s} s");
+            let most = (until_s / (round_s * LATER_SHARE)).max(f64::from(LEAST_HOT));
+            assert!(f64::from(rounds) <= most && f64::from(rounds) >= 0.85 * (until_s / round_s).min(most), "{rounds} of {most}");
+        }
+    }
+
+    #[test]
+    fn without_a_clock_nothing_is_decided() {
+        let mut pace = Pace::default();
+        (0..20).for_each(|done| pace.note(done, None));
+        assert_eq!(pace.fitting(1.0), None);
+    }
 }

@@ -176,16 +176,31 @@ impl Proposal<'_> {
     }
 
     fn visit(&mut self) -> Option<()> {
-        let Pose { position, direction } = self.view_of_missing()?;
+        let view = self.view_of_missing()?;
+        let Pose { position, direction } = view;
         let to_m = |k: usize| (self.pose(k).position - position).norm();
         let detour_m = |at: usize| match (at.checked_sub(1), at < self.count()) {
             (Some(before), true) => to_m(before) + to_m(at) - (self.pose(at).position - self.pose(before).position).norm(),
             (before, _) => to_m(before.unwrap_or(0)),
         };
         let sector = self.sector.of(self.count());
-        let at = (sector.start..=sector.end).map(|at| (detour_m(at), at)).min_by(|a, b| a.0.total_cmp(&b.0))?.1;
+        let mut places: Vec<(f64, usize)> = (sector.start..=sector.end).map(|at| (detour_m(at), at)).collect();
+        let last = places.len() - 1;
+        places.select_nth_unstable_by(DETOURS.min(last), |a, b| a.0.total_cmp(&b.0));
+        places.truncate(DETOURS);
+        places.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        // Structures often stand in the way of the shortest detour.
+        let is_reached = |at: usize| {
+            let before = at.checked_sub(1).is_none_or(|before| self.can_fly(&self.pose(before), &view));
+            before && (at == self.count() || self.can_fly(&view, &self.pose(at)))
+        };
+        let at = places.into_iter().map(|(_, at)| at).find(|&at| is_reached(at))?;
         self.splice.range = at..at;
         self.put(position, direction)
+    }
+
+    fn can_fly(&self, from: &Pose, to: &Pose) -> bool {
+        self.ground.is_flyable(from, to) && self.ground.problem.free.is_leg_safe(&from.position, &to.position)
     }
 
     fn divert(&mut self) -> Option<()> {
@@ -373,6 +388,9 @@ impl Proposal<'_> {
         }
     }
 }
+
+/// The shortest so many detours to a view are looked at.
+const DETOURS: usize = 4;
 
 /// Draws until something that is looked for is given up.
 const NEIGHBOUR_TRIES: usize = 6;

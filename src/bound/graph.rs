@@ -236,7 +236,7 @@ fn on_the_way(problem: &Problem, [a, b]: [Point3<f64>; 2], numbers: &[Option<u32
             &problem.rig,
             &Pose { direction, ..pose(from) },
             &Pose { direction, ..pose(to) },
-            problem.image_spacing_m,
+            problem.spacing,
         );
         let mut places: Vec<_> = images.map(|image| image.position).collect();
         places.pop();

@@ -206,8 +206,9 @@ impl<'p, 'a> Reduction<'p, 'a> {
     fn positions_around(&self, view: u32, pose: &Pose, step_m: f64) -> Vec<Point3<f64>> {
         let steps = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
         let free = self.problem.free;
-        let is_near =
-            |a: &Point3<f64>, other: u32| (self.shots[other as usize].pose.position - a).norm() < self.problem.spacing.least_leg_m;
+        let is_near = |a: &Point3<f64>, other: u32| {
+            (self.shots[other as usize].pose.position - a).norm() < self.problem.spacing.least_leg_m
+        };
         let is_crowded = |p: &Point3<f64>| self.kept().any(|other| other != view && is_near(p, other));
         let moved = steps.into_iter().map(|step| pose.position + step * step_m);
         let fits = moved.filter(|p| free.is_safe(p) && free.is_leg_safe(&pose.position, p) && !is_crowded(p));

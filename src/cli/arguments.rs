@@ -153,7 +153,8 @@ pub struct LoadArgs {
     direction points, cameras bolted to the airframe (`m300-oblique`) where the drone flies. `overfly rigs` lists them, `overfly rigs phantom4-rtk` \
     prints a rig file to change.\n\nExamples:\n  \
     overfly plan town.geojson --seed 7 --out flights/town\n  overfly plan town.geojson --samples 1600 --viewpoints 2000 --iterations 1000\n  \
-    overfly plan town.geojson --rig phantom4-rtk --start 10,-40,35 --look 90,-30\n  overfly plan town --rig my-drone.toml"
+    overfly plan town.geojson --rig phantom4-rtk --start 10,-40,35 --look 90,-30\n  \
+    overfly plan town.geojson --rig phantom4-rtk --overlap 80\n  overfly plan town --rig my-drone.toml"
 )]
 pub struct PlanArgs {
     /// Scene file, or the name of a loaded scene

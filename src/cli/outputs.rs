@@ -117,7 +117,6 @@ pub fn figures(plan: &Plan, times: &RunTimes) -> Vec<Vec<String>> {
         row("turning, s", format!("{:.1}", metrics.turning_s)),
         row("flight, s", format!("{:.1}", metrics.flight_s)),
         row("speed profile, s", format!("{:.1}", metrics.profile_s)),
-        row("cruise, m/s", plan.limits.map_or(String::new(), |limits| format!("{:.2}", limits.cruise_mps))),
         row("least clearance, m", format!("{:.2}", plan.clearance_m)),
         row("iterations", plan.convergence.len().to_string()),
         row("field, s", format!("{:.3}", times.field_s)),
@@ -125,10 +124,12 @@ pub fn figures(plan: &Plan, times: &RunTimes) -> Vec<Vec<String>> {
         row("check, s", format!("{:.3}", times.check_s)),
         row("total, s", format!("{:.3}", times.total_s)),
     ];
-    if let Some(battery_percent) = metrics.battery_percent {
-        let behind_times = rows.iter().position(|row| row[0] == "speed profile, s").map_or(0, |index| index + 1);
-        rows.insert(behind_times, row("battery, %", format!("{battery_percent:.0}")));
-    }
+    let behind_times = rows.iter().position(|row| row[0] == "speed profile, s").map_or(0, |index| index + 1);
+    let others = [
+        plan.limits.map(|limits| row("cruise, m/s", format!("{:.2}", limits.cruise_mps))),
+        metrics.battery_percent.map(|battery_percent| row("battery, %", format!("{battery_percent:.0}"))),
+    ];
+    rows.splice(behind_times..behind_times, others.into_iter().flatten());
     rows
 }
 

@@ -75,7 +75,9 @@ mod tests {
     fn a_gimbal_turns_along_the_great_circle_and_bolted_cameras_with_the_heading() {
         let directions = |preset: &str| -> Vec<_> {
             let rig = Rig::preset(preset).unwrap();
-            image_poses(&rig, &pose(0.0, 0.0), &pose(40.0, 60.0), ImageSpacing::at_least(10.0)).map(|pose| pose.direction).collect()
+            image_poses(&rig, &pose(0.0, 0.0), &pose(40.0, 60.0), ImageSpacing::at_least(10.0))
+                .map(|pose| pose.direction)
+                .collect()
         };
         assert_eq!(directions("panoramic"), [None; 4]);
         assert_eq!(directions("m300-oblique"), [Some(Vector3::x_axis()); 4]);

@@ -177,8 +177,7 @@ impl<'a> Problem<'a> {
         let limit_rad = ((to.position - from.position).norm() * self.turning.rad_per_m).min(self.turning.most_rad);
         first == last
             || angle_rad(&first, &last) <= limit_rad
-                && image_poses(&self.rig, from, to, self.spacing)
-                    .all(|pose| pose.direction.is_none_or(|d| self.rig.reaches(&d)))
+                && image_poses(&self.rig, from, to, self.spacing).all(|pose| pose.direction.is_none_or(|d| self.rig.reaches(&d)))
     }
 
     /// What the views along the leg add to those at `from`: the viewpoints between the ends, and the one at `to` (section 4.2).

@@ -42,7 +42,8 @@ mod tests {
 
     #[test]
     fn counts_are_those_worked_out_by_hand() {
-        let counts = |spacing: ImageSpacing| [8.0, 8.1, 11.9, 12.0, 15.9, 16.0, 40.0].map(|length_m| spacing.image_count(length_m));
+        let counts =
+            |spacing: ImageSpacing| [8.0, 8.1, 11.9, 12.0, 15.9, 16.0, 40.0].map(|length_m| spacing.image_count(length_m));
         assert_eq!(counts(ImageSpacing::at_least(8.0)), [1, 1, 1, 1, 1, 2, 5]);
         assert_eq!(counts(ImageSpacing::overlapping(8.0, 4.0)), [2, 3, 3, 3, 4, 4, 10]);
         assert_eq!(ImageSpacing::overlapping(8.0, 3.0).least_leg_m, 8.0);

@@ -9,7 +9,7 @@ use overfly::search::spacing::ImageSpacing;
 use overfly::session::Snapshot;
 use overfly::settings::Settings;
 use overfly::trajectory::images::{Exposed, expose};
-use overfly::trajectory::plan::{Image, Plan};
+use overfly::trajectory::plan::{Image, Plan, Waypoint};
 use overfly::trajectory::profile::Profile;
 use overfly::trajectory::route::Route;
 use proptest::prelude::*;
@@ -89,8 +89,7 @@ fn no_image_is_farther_along_the_curve_from_the_one_before_than_the_overlap_allo
         assert!((plan.limits.unwrap().cruise_mps - cruise_mps).abs() < 1e-9, "{name}: {:?}", plan.limits);
         assert!((plan.metrics.movement_s - plan.metrics.length_m / cruise_mps).abs() < 1e-6, "{name}: {:?}", plan.metrics);
         let least_m = (2.0 * most_m).max(8.0) - 1e-9;
-        let is_long_enough =
-            |ends: &[overfly::trajectory::plan::Waypoint]| (ends[1].position_m - ends[0].position_m).norm() >= least_m;
+        let is_long_enough = |ends: &[Waypoint]| (ends[1].position_m - ends[0].position_m).norm() >= least_m;
         assert!(plan.waypoints.len() > 3 && plan.waypoints.windows(2).all(is_long_enough), "{name}");
         let own: Vec<f64> = plan.images.iter().filter(|image| image.camera == 0).map(|image| image.time_s).collect();
         assert!(own.windows(2).all(|pair| pair[1] - pair[0] >= options.rig.shutter_interval_s - 2e-9), "{name}");
@@ -104,6 +103,11 @@ fn without_an_overlap_images_are_farther_apart_and_the_cruise_is_that_of_the_set
     let options = PlanOptions { overlap_percent: None, ..ordered("phantom4-rtk", Method::Paper, 80.0) };
     let plan = outcome(&snapshot, &settings, &options).expect("the block can be flown");
     assert_eq!(plan.limits.unwrap().cruise_mps, settings.flight.cruise_speed_mps);
+    let of_leg = |ends: &[Waypoint]| ((ends[1].position_m - ends[0].position_m).norm() / 8.0).floor() as usize;
+    assert_eq!(
+        plan.images.len() as u32 + plan.metrics.dropped_exposures,
+        1 + plan.waypoints.windows(2).map(of_leg).sum::<usize>() as u32
+    );
     assert!(most_of(&gaps_m(&plan.profile().unwrap(), &plan.images)) > 8.0);
 }
 

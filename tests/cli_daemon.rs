@@ -37,7 +37,7 @@ fn every_rig_gives_the_same_plan_by_the_daemon_and_in_the_process_itself() {
     let file = format!("{folder}/my-rig.toml");
     std::fs::write(place.path(&file), phantom).unwrap();
     for (rig, look) in [("phantom4-rtk", true), ("m300-oblique", false), ("mavic3e", true), (file.as_str(), true)] {
-        let look = if look { ["--look", "200,-40"].as_slice() } else { &[] };
+        let look = if look { ["--look", "200,-40"].as_slice() } else { &["--overlap", "75"] };
         let order = [&["--rig", rig, "--seed", "7", "--method", "paper", "--iterations", "40"], look].concat();
         let _daemon = place.serve(&["--rig", rig]);
         place.json(&["load", &scene]);
@@ -47,6 +47,8 @@ fn every_rig_gives_the_same_plan_by_the_daemon_and_in_the_process_itself() {
         assert_eq!(place.read("daemon/plan.svg"), place.read("process/plan.svg"), "{rig}");
         let plan: Value = serde_json::from_slice(&place.read("daemon/plan.json")).unwrap();
         assert!(plan["images"][0]["direction"].is_array() && plan["metrics"]["images"].as_u64().unwrap() > 5, "{rig}");
+        let cruises_slowly = plan["limits"]["cruise_mps"].as_f64().unwrap() < 8.0;
+        assert_eq!(cruises_slowly, look.contains(&"--overlap"), "{rig}");
     }
 }
 

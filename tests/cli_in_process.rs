@@ -37,7 +37,14 @@ fn help_teaches_with_examples_units_and_exit_codes() {
         assert!(output.status.success() && stdout(&output).contains("--json"), "{command}");
     }
     let help = stdout(&place.run(&["plan", "--help"]));
-    for word in ["--rig phantom4-rtk", "--look 90,-30", "m300-oblique", "overfly rigs phantom4-rtk"] {
+    for word in [
+        "--rig phantom4-rtk",
+        "--look 90,-30",
+        "--overlap 80",
+        "not for those that are selected",
+        "m300-oblique",
+        "overfly rigs phantom4-rtk",
+    ] {
         assert!(help.contains(word), "{word} is not in {help}");
     }
 }
@@ -83,6 +90,39 @@ fn a_plan_below_its_goal_is_a_result_with_a_note() {
     let output = place.run(&["plan", &scene, "--method", "paper", "--iterations", "1"]);
     assert!(output.status.success() && stderr(&output).contains("--iterations"), "{}", stderr(&output));
     assert!(stdout(&output).contains("captured of capturable, %"));
+}
+
+#[test]
+fn an_overlap_tells_what_it_costs_and_stands_in_the_order() {
+    let place = Place::new();
+    let scene = place.scene();
+    let words = ["plan", &scene, "--rig", "phantom4-rtk", "--method", "paper", "--iterations", "40"];
+    let cruise = |words: &[&str]| place.json(words)["cruise_mps"].as_f64().unwrap();
+    assert_eq!(cruise(&words), 8.0);
+    let words = [words.as_slice(), &["--overlap", "80", "--out", "out"]].concat();
+    // 80 % of 20 m, an image a second and two thirds of the most apart.
+    assert!((cruise(&words) - 8.0 / 3.0).abs() < 1e-9);
+    let run: Value = serde_json::from_slice(&place.read("out/run.json")).unwrap();
+    assert_eq!(run["order"]["overlap_percent"], 80.0);
+    let output = place.run(&words);
+    assert!(stdout(&output).contains("cruise, m/s") && stdout(&output).contains("2.67"), "{}", stdout(&output));
+    assert!(
+        stderr(&output).contains("overlap of 80 %") && stderr(&output).contains("2.67 m/s instead of 8 m/s"),
+        "{}",
+        stderr(&output)
+    );
+    assert!(stderr(&output).contains("--overlap 80"), "the next command keeps it: {}", stderr(&output));
+    for (rig, more, named) in [
+        ("phantom4-rtk", ["--overlap", "100"], "less than 100"),
+        ("phantom4-rtk", ["--overlap", "99"], "less overlap"),
+        ("panoramic", ["--overlap", "80"], "phantom4-rtk"),
+    ] {
+        let message = place.fails(6, "no_plan", &[&["plan", &scene, "--rig", rig], more.as_slice()].concat());
+        assert!(message.contains(named), "{message}");
+    }
+    let message = place.fails(6, "no_plan", &["plan", &scene, "--rig", "phantom4-rtk", "--method", "op", "--overlap", "80"]);
+    assert!(message.contains("refined"), "{message}");
+    place.fails(2, "usage", &["plan", &scene, "--overlap", "-3"]);
 }
 
 #[test]

@@ -6,6 +6,7 @@ use nalgebra::Point3;
 use overfly::camera::{Pose, Rig, direction_of};
 use overfly::planner::{Method, PlanOptions, StopToken, plan};
 use overfly::scene::clearance::Clearance;
+use overfly::search::spacing::ImageSpacing;
 use overfly::settings::Settings;
 use overfly::trajectory::images::{blur_px, expose};
 use overfly::trajectory::limits::Limits;
@@ -81,7 +82,7 @@ fn a_shutter_that_is_not_ready_delays_an_image_or_leaves_it_out() {
     for (interval_s, is_changed) in [(0.7, [false, false]), (1.0, [true, false]), (1.3, [true, true])] {
         let rig = Rig { shutter_interval_s: interval_s, ..Rig::preset("panoramic").unwrap() };
         let profile = Profile::new(&path, &rig, &flight, &dynamics);
-        let route = Route::continuous(&path, &rig, 8.0);
+        let route = Route::continuous(&path, &rig, ImageSpacing::at_least(8.0));
         let exposed = expose(&route, &rig, &profile);
         assert_eq!(
             [exposed.delayed > 0, exposed.dropped > 0],
@@ -106,7 +107,7 @@ fn blur_is_the_way_flown_in_an_exposure_in_pixels_at_the_nearest_surface() {
     let rig = Rig::preset("phantom4-rtk").unwrap();
     let path = [0.0, 200.0].map(|x| Pose { position: Point3::new(x, 0.0, 30.0), direction: Some(direction_of(90.0, -90.0)) });
     let profile = Profile::new(&path, &rig, &flight, &dynamics);
-    let images = expose(&Route::continuous(&path, &rig, 8.0), &rig, &profile).images;
+    let images = expose(&Route::continuous(&path, &rig, ImageSpacing::at_least(8.0)), &rig, &profile).images;
     // 8 m/s for 1 ms are 8 mm; a pixel of the Phantom spans 13.2 / 5472 / 8.8 of the 30 m above the ground: 8.22 mm.
     let over_ground = blur_px(&images, &rig, &profile, &Clearance::of_triangles(Vec::new()));
     assert!((over_ground - 0.008 / (30.0 * 13.2 / 5472.0 / 8.8)).abs() < 1e-9, "{over_ground}");

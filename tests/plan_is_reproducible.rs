@@ -3,7 +3,7 @@
 mod support;
 
 use overfly::camera::Rig;
-use overfly::planner::{Method, PlanOptions, StopToken, plan};
+use overfly::planner::{Method, Objective, PlanOptions, StopToken, plan};
 use overfly::trajectory::plan::Plan;
 use support::{options, rigs, session, small_block, small_settings, snapshot};
 
@@ -28,6 +28,29 @@ fn field_and_plan_are_the_same_on_one_two_and_five_threads() {
         assert!(reference.1.waypoints.len() > 3 && reference.1.metrics.coverage_percent > 1.0, "{:?}", reference.1.metrics);
         assert_eq!(plan_on(2, &options), reference, "{}", options.rig.name);
         assert_eq!(plan_on(5, &options), reference, "{}", options.rig.name);
+    }
+}
+
+#[test]
+fn every_aim_of_the_refinement_gives_the_same_plan_on_one_two_and_five_threads() {
+    for rig in ["phantom4-rtk", "m300-oblique"] {
+        let rig = Rig::preset(rig).expect("a preset");
+        let default = PlanOptions { iterations: Some(12), ..PlanOptions::new(rig, Method::Refined, 11) };
+        let aims = [
+            default.clone(),
+            PlanOptions { goal_percent: Some(60.0), matched_percent: Some(80.0), ..default.clone() },
+            PlanOptions { objective: Objective::Eq6, ..default.clone() },
+            PlanOptions { overlap_percent: Some(80.0), ..default.clone() },
+        ];
+        let plans: Vec<Plan> = aims.iter().map(|options| plan_on(1, options).1).collect();
+        for (options, reference) in aims.iter().zip(&plans) {
+            assert!(reference.waypoints.len() > 3 && reference.metrics.coverage_percent > 1.0, "{:?}", reference.metrics);
+            for threads in [2, 5] {
+                assert_eq!(&plan_on(threads, options).1, reference, "{threads} threads: {options:?}");
+            }
+        }
+        // Each aim is one of its own.
+        assert!((1..plans.len()).all(|k| plans[..k].iter().all(|other| other.waypoints != plans[k].waypoints)));
     }
 }
 

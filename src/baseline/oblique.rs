@@ -84,7 +84,7 @@ pub fn fly(
     let scene = Area { min: [facts.min_m[0], facts.min_m[1]], max: [facts.max_m[0], facts.max_m[1]] };
     let axis = usize::from(scene.max[1] - scene.min[1] > scene.max[0] - scene.min[0]);
     let passes = passes(problem, settings, &scene, axis, height_m);
-    let spacing_m = |footprint_m: f64, overlap: f64| (footprint_m * (1.0 - overlap)).max(problem.image_spacing_m);
+    let spacing_m = |footprint_m: f64, overlap: f64| (footprint_m * (1.0 - overlap)).max(problem.spacing.least_leg_m);
     let [along, across] = [settings.op_forward_overlap, settings.op_side_overlap];
     let planned: Vec<(Pass, [f64; 2])> = passes
         .into_iter()
@@ -94,7 +94,7 @@ pub fn fly(
 
     let mut assembly = Assembly::new(problem, height_m);
     for (number, (pass, spacings_m)) in planned.iter().enumerate() {
-        let mut lines = serpentine(&pass.area, axis, pass.footprint_m[1], *spacings_m, problem.image_spacing_m, height_m);
+        let mut lines = serpentine(&pass.area, axis, pass.footprint_m[1], *spacings_m, problem.spacing.least_leg_m, height_m);
         turn_towards(&mut lines, assembly.route.waypoints.last().map(|pose| pose.position));
         for line in lines {
             // Even a stopped flight has a line.

@@ -92,7 +92,7 @@ impl<'a> Choice<'a> {
             }
         }
         let positions: Vec<_> = problem.field.viewpoints.iter().map(|row| row.position_m.into()).collect();
-        let spacing_m = problem.image_spacing_m;
+        let spacing_m = problem.spacing.least_leg_m;
         let near_m = 2.0 * problem.field.facts.lattice_spacing_m;
         Self {
             tally: Tally::new(model, &problem.areas_mm2, reachable(model, &sites, &seeing, target)),

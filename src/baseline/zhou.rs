@@ -128,7 +128,7 @@ impl<'p, 'a> Reduction<'p, 'a> {
     /// Leaves out views as long as every sample keeps what is required, the most redundant one first; of views too near to another those come
     /// before all others. Both only fall as views are left out, so an old redundancy is an upper bound.
     fn reduce(&mut self, stop: &StopToken) {
-        let near = proximity::within(&self.positions(), self.problem.image_spacing_m);
+        let near = proximity::within(&self.positions(), self.problem.spacing.least_leg_m);
         let is_crowded = |reduction: &Self, view: u32| near[view as usize].iter().any(|&other| reduction.is_kept[other as usize]);
         let views: Vec<u32> = self.kept().collect();
         let rank = |reduction: &Self, view: u32| Some((is_crowded(reduction, view), reduction.redundancy(view)?));
@@ -160,7 +160,7 @@ impl<'p, 'a> Reduction<'p, 'a> {
 
     /// Leaves out views until none is nearer to another than images may be, always the one of the least loss.
     fn space_out(&mut self) {
-        let near = proximity::within(&self.positions(), self.problem.image_spacing_m);
+        let near = proximity::within(&self.positions(), self.problem.spacing.least_leg_m);
         loop {
             let views: Vec<u32> =
                 self.kept().filter(|&view| near[view as usize].iter().any(|&v| self.is_kept[v as usize])).collect();
@@ -206,8 +206,9 @@ impl<'p, 'a> Reduction<'p, 'a> {
     fn positions_around(&self, view: u32, pose: &Pose, step_m: f64) -> Vec<Point3<f64>> {
         let steps = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
         let free = self.problem.free;
-        let is_near =
-            |a: &Point3<f64>, other: u32| (self.shots[other as usize].pose.position - a).norm() < self.problem.image_spacing_m;
+        let is_near = |a: &Point3<f64>, other: u32| {
+            (self.shots[other as usize].pose.position - a).norm() < self.problem.spacing.least_leg_m
+        };
         let is_crowded = |p: &Point3<f64>| self.kept().any(|other| other != view && is_near(p, other));
         let moved = steps.into_iter().map(|step| pose.position + step * step_m);
         let fits = moved.filter(|p| free.is_safe(p) && free.is_leg_safe(&pose.position, p) && !is_crowded(p));

@@ -232,12 +232,8 @@ fn on_the_way(problem: &Problem, [a, b]: [Point3<f64>; 2], numbers: &[Option<u32
     let pose = |position| Pose { position, direction: None };
     let panoramic = |from: Point3<f64>, to: Point3<f64>| -> Vec<Point3<f64>> {
         let direction = problem.view_directions.first().copied();
-        let images = image_poses(
-            &problem.rig,
-            &Pose { direction, ..pose(from) },
-            &Pose { direction, ..pose(to) },
-            problem.image_spacing_m,
-        );
+        let images =
+            image_poses(&problem.rig, &Pose { direction, ..pose(from) }, &Pose { direction, ..pose(to) }, problem.spacing);
         let mut places: Vec<_> = images.map(|image| image.position).collect();
         places.pop();
         places

@@ -153,7 +153,8 @@ pub struct LoadArgs {
     direction points, cameras bolted to the airframe (`m300-oblique`) where the drone flies. `overfly rigs` lists them, `overfly rigs phantom4-rtk` \
     prints a rig file to change.\n\nExamples:\n  \
     overfly plan town.geojson --seed 7 --out flights/town\n  overfly plan town.geojson --samples 1600 --viewpoints 2000 --iterations 1000\n  \
-    overfly plan town.geojson --rig phantom4-rtk --start 10,-40,35 --look 90,-30\n  overfly plan town --rig my-drone.toml"
+    overfly plan town.geojson --rig phantom4-rtk --start 10,-40,35 --look 90,-30\n  \
+    overfly plan town.geojson --rig phantom4-rtk --overlap 80\n  overfly plan town --rig my-drone.toml"
 )]
 pub struct PlanArgs {
     /// Scene file, or the name of a loaded scene
@@ -247,6 +248,12 @@ pub struct OrderArgs {
     /// model gives]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, value_parser = values::metres)]
     pub gsd: Option<f64>,
+    /// For `refined` and `paper`: forward overlap, the share of an image that the next one of the same camera shows as well, percent above 0 and
+    /// below 100. It holds for a flat surface seen frontally from where an image has the ground sampling distance of `--gsd` (else from the geometric
+    /// mean of safety distance and range of sight) and a camera that moves parallel to the shorter side of its image; for all images of the flight,
+    /// not for those that are selected for the reconstruction. The flight cruises more slowly where the shutter needs it (`cruise_mps`)
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = values::percent)]
+    pub overlap: Option<f64>,
     /// Area whose surfaces are to be captured: corners in metres east and north of the scene's origin [default: the whole scene]
     #[arg(long, value_name = "\"X,Y X,Y X,Y\"", allow_hyphen_values = true)]
     pub region: Option<Outline>,

@@ -88,7 +88,7 @@ fn statement(bound: &Bound, problem: &Problem, scene: &str) -> String {
         bound.graph.positions_m.len(),
         bound.graph.edges.len(),
         bound.radius_m,
-        problem.image_spacing_m,
+        problem.spacing.least_leg_m,
         problem.sufficient,
         problem.capturable,
         problem.rig.name,

@@ -44,6 +44,7 @@ pub fn order(order: &OrderArgs, given: &GivenRig) -> overfly_client::PlanOrder {
         matched_percent: order.matched,
         within_s: order.max_time,
         gsd_m: order.gsd,
+        overlap_percent: order.overlap,
         region_m: order.region.clone().map_or(Vec::new(), |region| region.0),
         start_m: order.start.map(|start| start.0),
         start_view_deg: order.look.map(|look| look.0),

@@ -102,6 +102,7 @@ pub fn options(order: &OrderArgs, rig: &Rig) -> Result<PlanOptions, Failure> {
         matched_percent: order.matched,
         within_s: order.max_time,
         gsd_m: order.gsd,
+        overlap_percent: order.overlap,
         region_m: order.region.clone().map(|region| region.0),
         start_m: order.start.map(|start| Point3::from(start.0)),
         start_view: order.look.map(|look| direction_of(look.0[0], look.0[1])),

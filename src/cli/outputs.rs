@@ -124,10 +124,12 @@ pub fn figures(plan: &Plan, times: &RunTimes) -> Vec<Vec<String>> {
         row("check, s", format!("{:.3}", times.check_s)),
         row("total, s", format!("{:.3}", times.total_s)),
     ];
-    if let Some(battery_percent) = metrics.battery_percent {
-        let behind_times = rows.iter().position(|row| row[0] == "speed profile, s").map_or(0, |index| index + 1);
-        rows.insert(behind_times, row("battery, %", format!("{battery_percent:.0}")));
-    }
+    let behind_times = rows.iter().position(|row| row[0] == "speed profile, s").map_or(0, |index| index + 1);
+    let others = [
+        plan.limits.map(|limits| row("cruise, m/s", format!("{:.2}", limits.cruise_mps))),
+        metrics.battery_percent.map(|battery_percent| row("battery, %", format!("{battery_percent:.0}"))),
+    ];
+    rows.splice(behind_times..behind_times, others.into_iter().flatten());
     rows
 }
 
@@ -146,6 +148,7 @@ pub fn figures_json(flight: &Flight, files: &[PathBuf]) -> Value {
         "goal_percent": plan.goal_percent,
         "matched_goal_percent": plan.matched_goal_percent,
         "goal_reached": plan.stop == StopReason::GoalReached,
+        "cruise_mps": plan.limits.map(|limits| limits.cruise_mps),
         "clearance_m": plan.clearance_m,
         "iterations": plan.convergence.len(),
         "field_s": times.field_s,

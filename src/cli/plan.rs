@@ -17,7 +17,7 @@ use super::shortfall::{self, Heights};
 use super::{daemon, import_lines, in_process, rig_file, settings_file};
 use crate::mission::run_json::Engine;
 use crate::planner::{self, Objective, PlanOptions, StopToken};
-use crate::trajectory::plan::StopReason;
+use crate::trajectory::plan::{Plan, StopReason};
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
     let given = rig_file::read(&arguments.order.rig)?;
@@ -67,6 +67,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
         Some(folder) => outputs::write(folder, &FileNames::of_plan(), &flight, Some(&planned.snapshot.field()))?,
         None => Vec::new(),
     };
+    remark_cruise(&arguments.order, &planned.plan, Some(settings.flight.cruise_speed_mps), form);
     let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
     remark_shortfall(&flight, &again(arguments), Some(&heights), has_goal(arguments), form);
     Ok(answer(&flight, &files, asked))
@@ -92,6 +93,7 @@ fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Ans
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
+    remark_cruise(&arguments.order, &plan, None, form);
     remark_shortfall(&flight, &again(arguments), daemon::heights(&client, &plan).as_ref(), has_goal(arguments), form);
     Ok(answer(&flight, &files, asked))
 }
@@ -106,6 +108,7 @@ fn again(arguments: &PlanArgs) -> String {
         ("start", order.start.map(|start| typed(&start.0))),
         ("coverage", order.coverage.map(|percent| percent.to_string())),
         ("gsd", order.gsd.map(|gsd_m| gsd_m.to_string())),
+        ("overlap", order.overlap.map(|percent| percent.to_string())),
         ("region", order.region.as_ref().map(|region| format!("\"{region}\""))),
         ("look", order.look.map(|look| typed(&look.0))),
         ("config", arguments.config.as_ref().map(|path| path.display().to_string())),
@@ -155,6 +158,19 @@ pub fn remark_shortfall(flight: &Flight, command: &str, heights: Option<&Heights
     }
 }
 
+/// Says how fast a flight with an overlap cruises; `set_mps` is the speed of the settings, where they are known.
+fn remark_cruise(order: &OrderArgs, plan: &Plan, set_mps: Option<f64>, form: Form) {
+    let Some((percent, limits)) = order.overlap.zip(plan.limits) else { return };
+    let cruise_mps = limits.cruise_mps;
+    let instead = match set_mps {
+        Some(set_mps) if set_mps > cruise_mps => {
+            format!(" instead of {set_mps} m/s (`flight.cruise_speed_mps`), because the shutter needs the time")
+        }
+        _ => String::new(),
+    };
+    form.remark(&format!("note: with an overlap of {percent} % the flight cruises at {cruise_mps:.2} m/s{instead}"));
+}
+
 fn order_json(order: &OrderArgs, given: &GivenRig) -> Value {
     json!({
         "rig": order.rig,
@@ -168,6 +184,7 @@ fn order_json(order: &OrderArgs, given: &GivenRig) -> Value {
         "objective": order.objective,
         "within_s": order.max_time,
         "gsd_m": order.gsd,
+        "overlap_percent": order.overlap,
         "region_m": order.region.as_ref().map(|region| &region.0),
         "start_m": order.start.map(|start| start.0),
         "start_view_deg": order.look.map(|look| look.0),

@@ -31,6 +31,7 @@ pub fn plan_options(order: &PlanOrder) -> Result<PlanOptions, Refusal> {
         matched_percent: order.matched_percent,
         within_s: order.within_s,
         gsd_m: order.gsd_m,
+        overlap_percent: order.overlap_percent,
         region_m: (!order.region_m.is_empty()).then(|| order.region_m.clone()),
         start_m: order.start_m.map(Point3::from),
         start_view: order.start_view_deg.map(|[azimuth_deg, pitch_deg]| direction_of(azimuth_deg, pitch_deg)),

@@ -34,7 +34,7 @@ impl Daemon {
         let Some(task) = self.scenes.get_mut(&scene).and_then(|slot| slot.take_task(news.job)) else { return };
         match (news.kind, task) {
             (NewsKind::Built(built), task) => self.on_built(ports, &scene, *built, task),
-            (NewsKind::Planned(flight), Task::Search(search)) => self.on_planned(ports, &scene, flight, search),
+            (NewsKind::Planned(flight), Task::Search(search)) => self.on_planned(ports, &scene, flight, *search),
             (NewsKind::Failed(failure), task) => self.on_failed(ports, &scene, failure, task),
             (NewsKind::Progress(_) | NewsKind::Read(_) | NewsKind::Planned(_), _) => {}
         }

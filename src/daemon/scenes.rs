@@ -72,7 +72,7 @@ pub struct FieldFigures {
 pub enum Task {
     Load(Load),
     Rebuild(Batch),
-    Search(Search),
+    Search(Box<Search>),
 }
 
 /// The field of a scene that was just read.
@@ -164,7 +164,7 @@ impl Slot {
         if let Some(batch) = self.edits.building.take_if(|batch| batch.assignment.job == job) {
             return Some(Task::Rebuild(batch));
         }
-        self.search.take_if(|search| search.assignment.job == job).map(Task::Search)
+        self.search.take_if(|search| search.assignment.job == job).map(|search| Task::Search(Box::new(search)))
     }
 
     /// Who waits for `job`.

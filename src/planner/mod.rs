@@ -1,6 +1,7 @@
 //! The whole pipeline on one screen.
 
 mod options;
+mod overlap;
 
 use crate::baseline;
 use crate::camera::{Pose, Rig};
@@ -44,7 +45,9 @@ pub fn plan(
     options.check()?;
     let settings = &with_goal(settings, options.goal_percent);
     let rig = &flown_rig(options, settings);
-    let problem = Problem::wanted(snapshot, settings, rig.clone(), &Wanted { region: options.region()?, gsd_m: options.gsd_m });
+    let wanted = Wanted { region: options.region()?, gsd_m: options.gsd_m, most_apart_m: None };
+    let (settings, most_apart_m) = &overlap::with_overlap(settings, snapshot, rig, options, &wanted)?;
+    let problem = Problem::wanted(snapshot, settings, rig.clone(), &Wanted { most_apart_m: *most_apart_m, ..wanted });
     if problem.capturable == 0 {
         let (range_m, ceiling_m) = (problem.disks.range_m(), settings.flight.legal_ceiling_m);
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
@@ -176,7 +179,7 @@ fn refined(
 /// What a finished path is really worth, by exact rays from its images.
 fn confirmed(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &[Pose], stop: &StopToken) -> Confirmed {
     let profile = profile(path, snapshot, settings, problem);
-    let route = Route::continuous(path, &problem.rig, problem.image_spacing_m);
+    let route = Route::continuous(path, &problem.rig, problem.spacing);
     let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
     let worth = evaluate::sightings(snapshot, &problem.disks, &images, stop).map_or(Worth::default(), |sightings| {
         let Capture { captured, matched, .. } = sightings.capture(problem, |_| true);

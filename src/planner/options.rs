@@ -34,6 +34,11 @@ pub struct PlanOptions {
     pub within_s: Option<f64>,
     /// Views with a larger ground sampling distance show nothing, m; `None` for the range of the coverage model.
     pub gsd_m: Option<f64>,
+    /// For the methods `refined` and `paper`: forward overlap, the share of an image that the next one of the same camera shows as well, percent
+    /// above 0 and below 100; `None` asks for none. It is meant for a flat surface, seen frontally from where an image has the ground sampling
+    /// distance that is wanted (else from the geometric mean of the safety distance and the range of sight), and a camera that moves parallel to
+    /// the shorter side of its image. It holds for all images of the flight, not for those that are selected.
+    pub overlap_percent: Option<f64>,
     /// Corners of the area whose samples count, m in the local frame; `None` for the whole scene.
     pub region_m: Option<Vec<[f64; 2]>>,
     /// Where the flight starts, m in the local frame; `None` chooses a start. The baselines begin where their tours do.
@@ -56,6 +61,7 @@ impl PlanOptions {
             matched_percent: None,
             within_s: None,
             gsd_m: None,
+            overlap_percent: None,
             region_m: None,
             start_m: None,
             start_view: None,
@@ -95,6 +101,7 @@ impl PlanOptions {
         if let Some(gsd_m) = self.gsd_m.filter(|gsd_m| !(*gsd_m > 0.0 && gsd_m.is_finite())) {
             return Err(PlanError::SamplingDistance { gsd_m });
         }
+        self.check_overlap()?;
         self.region().map(|_| ())?;
         let Some(view) = self.start_view else { return Ok(()) };
         let rig = self.rig.name.clone();
@@ -108,6 +115,19 @@ impl PlanOptions {
 }
 
 impl PlanOptions {
+    fn check_overlap(&self) -> Result<(), PlanError> {
+        let Some(percent) = self.overlap_percent else { return Ok(()) };
+        if !(percent > 0.0 && percent < 100.0) {
+            return Err(PlanError::Overlap { percent });
+        }
+        if !matches!(self.method, Method::Refined | Method::Paper) {
+            return Err(PlanError::NoOverlap { method: self.method.name() });
+        }
+        // A panorama shows all of what the next one shows, however far away.
+        let has_frame = !matches!(self.rig.cameras, Cameras::Panoramic { .. });
+        if has_frame { Ok(()) } else { Err(PlanError::NoFrame { rig: self.rig.name.clone() }) }
+    }
+
     /// The area whose samples count.
     pub(super) fn region(&self) -> Result<Option<Polygon>, PlanError> {
         let Some(corners) = &self.region_m else { return Ok(None) };
@@ -226,6 +246,26 @@ pub enum PlanError {
     Goal { goal_percent: f64 },
     #[error("a ground sampling distance of {gsd_m} m will not do; give a length above 0, such as 0.01")]
     SamplingDistance { gsd_m: f64 },
+    #[error("an overlap of {percent} % will not do; give more than 0 and less than 100, such as 80")]
+    Overlap { percent: f64 },
+    #[error("the method {method:?} does not plan for an overlap; the methods \"refined\" and \"paper\" do")]
+    NoOverlap { method: &'static str },
+    #[error(
+        "the images of {rig:?} show everything around and have no frame that an overlap could be a share of; give no overlap, or a rig with a lens, \
+         such as \"phantom4-rtk\""
+    )]
+    NoFrame { rig: String },
+    #[error(
+        "for an overlap of {percent} % images would have to be {most_m:.2} m apart (of a footprint of {footprint_m:.1} m); the least is {least_m} m: \
+         ask for less overlap or a larger ground sampling distance, or take a rig with a wider view"
+    )]
+    OverlapSpacing { percent: f64, footprint_m: f64, most_m: f64, least_m: f64 },
+    #[error(
+        "for an overlap of {percent} % an image is needed every {most_m:.2} m at least, and with {interval_s} s between images of this rig the flight \
+         would cruise at {cruise_mps:.2} m/s; the least is {least_mps} m/s: ask for less overlap or a larger ground sampling distance, or take a rig \
+         with a faster shutter (`shutter_interval_s`)"
+    )]
+    OverlapSpeed { percent: f64, most_m: f64, interval_s: f64, cruise_mps: f64, least_mps: f64 },
     #[error("the region crosses itself or has no area; put its corners in order")]
     Region,
     #[error(

@@ -124,7 +124,7 @@ impl<'a> Ground<'a> {
     /// What the images of a leg see without those at its ends.
     pub fn on_leg(&self, from: &Pose, to: &Pose, look: Look) -> Arc<Sights> {
         let mut sights = Sights::default();
-        let mut images = image_poses(&self.problem.rig, from, to, self.problem.image_spacing_m).peekable();
+        let mut images = image_poses(&self.problem.rig, from, to, self.problem.spacing).peekable();
         while let Some(pose) = images.next() {
             if images.peek().is_some() {
                 self.see(&pose, look, &mut sights);
@@ -161,7 +161,7 @@ impl<'a> Ground<'a> {
 
     /// Whether a leg is long enough for its images and the view turns slowly enough on it; safety is not looked at.
     pub fn is_flyable(&self, from: &Pose, to: &Pose) -> bool {
-        let spacing_m = self.problem.image_spacing_m;
+        let spacing_m = self.problem.spacing.least_leg_m;
         let is_long_enough = (to.position - from.position).norm_squared() >= spacing_m * spacing_m;
         // Bolted cameras turn in the corners, not on the legs.
         is_long_enough && (self.is_rigid || self.problem.can_turn(from, to))

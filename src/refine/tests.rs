@@ -106,7 +106,7 @@ fn no_image_is_counted_for_more_than_it_really_sees() {
         let path = annealing.best().path.clone();
         let flight = Flight::new(ground, &path);
         let poses: Vec<Pose> = (path.iter().take(1).copied())
-            .chain(path.windows(2).flat_map(|ends| image_poses(&problem.rig, &ends[0], &ends[1], problem.image_spacing_m)))
+            .chain(path.windows(2).flat_map(|ends| image_poses(&problem.rig, &ends[0], &ends[1], problem.spacing)))
             .collect();
         for &i in &ground.wanted {
             let frame = &problem.frames[i as usize];

@@ -2,13 +2,14 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
+use super::spacing::ImageSpacing;
 use crate::camera::{Cameras, Pose, Rig};
 
-/// The images of a leg without the one at its start: evenly spaced, at least `spacing_m` apart, the last one at the end. The
+/// The images of a leg without the one at its start: evenly spaced, as many as `spacing` says, the last one at the end. The
 /// viewpoints along an edge ARE the images of the flight.
-pub fn image_poses(rig: &Rig, from: &Pose, to: &Pose, spacing_m: f64) -> impl Iterator<Item = Pose> + use<> {
+pub fn image_poses(rig: &Rig, from: &Pose, to: &Pose, spacing: ImageSpacing) -> impl Iterator<Item = Pose> + use<> {
     let leg = to.position - from.position;
-    let count = image_count(leg.norm(), spacing_m);
+    let count = spacing.image_count(leg.norm());
     let start = from.position;
     let end = Pose { position: to.position, direction: end_direction(rig, &start, to) };
     // Cameras on a gimbal turn along the leg, all others keep the direction that they have at its end.
@@ -20,11 +21,6 @@ pub fn image_poses(rig: &Rig, from: &Pose, to: &Pose, spacing_m: f64) -> impl It
         let share = k as f64 / count as f64;
         Pose { position: start + leg * share, direction: turned(first, end.direction, share) }
     })
-}
-
-/// Number of images of a leg.
-pub fn image_count(length_m: f64, spacing_m: f64) -> usize {
-    ((length_m / spacing_m).floor() as usize).max(1)
 }
 
 /// Heading of a drone that flies nose first, horizontally; east on a leg that only climbs or sinks.
@@ -79,7 +75,9 @@ mod tests {
     fn a_gimbal_turns_along_the_great_circle_and_bolted_cameras_with_the_heading() {
         let directions = |preset: &str| -> Vec<_> {
             let rig = Rig::preset(preset).unwrap();
-            image_poses(&rig, &pose(0.0, 0.0), &pose(40.0, 60.0), 10.0).map(|pose| pose.direction).collect()
+            image_poses(&rig, &pose(0.0, 0.0), &pose(40.0, 60.0), ImageSpacing::at_least(10.0))
+                .map(|pose| pose.direction)
+                .collect()
         };
         assert_eq!(directions("panoramic"), [None; 4]);
         assert_eq!(directions("m300-oblique"), [Some(Vector3::x_axis()); 4]);

@@ -5,6 +5,7 @@ pub mod objective;
 pub mod outcome;
 pub mod problem;
 mod rrt_star;
+pub mod spacing;
 #[cfg(test)]
 mod tests;
 mod tree;

@@ -7,8 +7,9 @@ use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::FieldTable;
 use rayon::prelude::*;
 
-use super::leg::{angle_rad, image_count, image_poses};
+use super::leg::{angle_rad, image_poses};
 use super::objective::Objective;
+use super::spacing::ImageSpacing;
 use crate::camera::{Pose, Rig, View};
 use crate::coverage::union::{self, Gained, Observations};
 use crate::coverage::{Bearing, CELLS, DiskModel, Information, Mask, MatchedViews, Matching, SampleFrame};
@@ -34,6 +35,15 @@ pub struct Wanted {
     pub region: Option<Polygon>,
     /// Views whose ground sampling distance is larger show nothing, m.
     pub gsd_m: Option<f64>,
+    /// For an overlap: images that follow each other on a leg are no farther apart, m.
+    pub most_apart_m: Option<f64>,
+}
+
+impl Wanted {
+    /// How far views show anything of a surface, m: as far as `range_m`, or nearer for the sampling distance that is wanted.
+    pub fn sight_m(&self, rig: &Rig, range_m: f64) -> f64 {
+        self.gsd_m.map_or(range_m, |gsd_m| range_m.min(gsd_m / rig.coarsest_pixel_rad()))
+    }
 }
 
 /// The planning problem of one snapshot, rig and objective.
@@ -43,8 +53,8 @@ pub struct Problem<'a> {
     pub rig: Rig,
     pub objective: Objective,
     pub settings: SearchSettings,
-    /// Least distance of two images, m.
-    pub image_spacing_m: f64,
+    /// How far apart images are, and how long legs are at least.
+    pub spacing: ImageSpacing,
     /// Samples whose capture counts: exposed and within reach of the viewpoints together.
     pub capturable: u32,
     /// Capturable samples that a sufficient path captures: more than G percent of them.
@@ -97,11 +107,11 @@ impl<'a> Problem<'a> {
         let field = snapshot.field();
         let threshold = field.facts.threshold_cells;
         let frames = frames(&field);
-        let disks = match wanted.gsd_m.map(|gsd_m| gsd_m / rig.coarsest_pixel_rad()) {
-            Some(range_m) if range_m < snapshot.disks.range_m() => {
-                Arc::new(DiskModel::new(&CoverageSettings { range_m, ..settings.coverage.clone() }))
-            }
-            _ => Arc::clone(&snapshot.disks),
+        let range_m = wanted.sight_m(&rig, snapshot.disks.range_m());
+        let disks = if range_m < snapshot.disks.range_m() {
+            Arc::new(DiskModel::new(&CoverageSettings { range_m, ..settings.coverage.clone() }))
+        } else {
+            Arc::clone(&snapshot.disks)
         };
         let mut ceilings = ceilings(&field, &rig, &frames, &disks, disks.range_m() < snapshot.disks.range_m());
         let matching = Matching::new(&settings.quality);
@@ -116,11 +126,15 @@ impl<'a> Problem<'a> {
         let capturable = ceilings.iter().filter(is_capturable).count() as u32;
         let enough = (f64::from(capturable) * settings.coverage.goal_percent / 100.0).floor() as u32 + 1;
         let speed_mps = settings.flight.cruise_speed_mps;
+        let least_m = settings.search.image_spacing_m.max(speed_mps * rig.shutter_interval_s);
         let dynamics = &settings.dynamics;
         let most_rad_s = dynamics.yaw_rate_dps.min(dynamics.gimbal_rate_dps).to_radians().min(rig.blur_limit_rad_s);
         Self {
             free: &snapshot.free,
-            image_spacing_m: settings.search.image_spacing_m.max(speed_mps * rig.shutter_interval_s),
+            spacing: match wanted.most_apart_m {
+                Some(most_m) => ImageSpacing::overlapping(least_m, most_m),
+                None => ImageSpacing::at_least(least_m),
+            },
             view_directions: rig.view_directions(),
             turning: ViewTurning { rad_per_m: most_rad_s / speed_mps, most_rad: settings.search.view_turn_deg.to_radians() },
             rig,
@@ -148,7 +162,7 @@ impl<'a> Problem<'a> {
 
     /// Whether the drone may fly straight from `a` to `b`: safe all the way, and long enough for an image at both ends.
     pub fn can_fly(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
-        (b - a).norm() >= self.image_spacing_m && self.free.is_leg_safe(a, b)
+        (b - a).norm() >= self.spacing.least_leg_m && self.free.is_leg_safe(a, b)
     }
 
     /// Whether the rig can capture sample `i` at all: its views from all viewpoints together cover more than the threshold.
@@ -163,13 +177,12 @@ impl<'a> Problem<'a> {
         let limit_rad = ((to.position - from.position).norm() * self.turning.rad_per_m).min(self.turning.most_rad);
         first == last
             || angle_rad(&first, &last) <= limit_rad
-                && image_poses(&self.rig, from, to, self.image_spacing_m)
-                    .all(|pose| pose.direction.is_none_or(|d| self.rig.reaches(&d)))
+                && image_poses(&self.rig, from, to, self.spacing).all(|pose| pose.direction.is_none_or(|d| self.rig.reaches(&d)))
     }
 
     /// What the views along the leg add to those at `from`: the viewpoints between the ends, and the one at `to` (section 4.2).
     pub fn observe_leg(&self, from: &Pose, to: &Pose, scratch: &mut Scratch) -> Observations {
-        for pose in image_poses(&self.rig, from, to, self.image_spacing_m) {
+        for pose in image_poses(&self.rig, from, to, self.spacing) {
             self.observe(&pose, scratch);
         }
         scratch.take()
@@ -183,7 +196,7 @@ impl<'a> Problem<'a> {
 
     /// An upper bound of what the images of a leg can gain, whatever they see.
     pub fn most_of_leg(&self, from: &Point3<f64>, to: &Point3<f64>) -> Information {
-        self.most_of_image.saturating_mul(image_count((to - from).norm(), self.image_spacing_m) as u64)
+        self.most_of_image.saturating_mul(self.spacing.image_count((to - from).norm()) as u64)
     }
 
     /// Adds the coverage disks of one view: visibility from the field, frustum and disk exactly at the pose.

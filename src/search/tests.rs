@@ -69,7 +69,7 @@ fn brute_force(problem: &Problem, path: &[Pose]) -> (PathSums, u32, Vec<u128>) {
     };
     see(&mut covered, &path[0]);
     for (k, leg) in path.windows(2).enumerate() {
-        image_poses(&problem.rig, &leg[0], &leg[1], problem.image_spacing_m).for_each(|pose| see(&mut covered, &pose));
+        image_poses(&problem.rig, &leg[0], &leg[1], problem.spacing).for_each(|pose| see(&mut covered, &pose));
         let flown = leg[1].position - leg[0].position;
         sums.length_m += flown.norm();
         if k > 0 {
@@ -99,7 +99,7 @@ fn is_admissible(problem: &Problem, settings: &Settings, from: &Pose, to: &Pose)
     .fold(f64::INFINITY, f64::min);
     let leg_m = (to.position - from.position).norm();
     let most_rad = (slowest_rad_s * leg_m / settings.flight.cruise_speed_mps).min(settings.search.view_turn_deg.to_radians());
-    let images = (leg_m / problem.image_spacing_m).floor().max(1.0) as usize;
+    let images = (leg_m / problem.spacing.least_leg_m).floor().max(1.0) as usize;
     let pitch_of = |share: f64| first.slerp(&last, share).z.clamp(-1.0, 1.0).asin();
     let [low, high] = sin_pitch.map(f64::asin);
     first.angle(&last) <= most_rad + 1e-9
@@ -109,7 +109,7 @@ fn is_admissible(problem: &Problem, settings: &Settings, from: &Pose, to: &Pose)
 /// What a leg gains beyond `covered`, image by image.
 fn gain_of_leg(problem: &Problem, covered: &[Mask], from: &Pose, to: &Pose) -> u64 {
     let (mut covered, mut scratch) = (covered.to_vec(), problem.scratch());
-    let images = image_poses(&problem.rig, from, to, problem.image_spacing_m);
+    let images = image_poses(&problem.rig, from, to, problem.spacing);
     images.map(|pose| problem.cover(&mut covered, &problem.observe_pose(&pose, &mut scratch)).information).sum()
 }
 

@@ -67,7 +67,7 @@ impl ViewChoice {
         self.sights.clear();
         self.ends.clear();
         let end = Pose { position: *to, direction: from.direction };
-        for pose in image_poses(&problem.rig, from, &end, problem.image_spacing_m) {
+        for pose in image_poses(&problem.rig, from, &end, problem.spacing) {
             for (i, mask) in problem.sighted(&pose.position) {
                 let cells = mask & !covered[i];
                 if cells != 0 {
@@ -88,7 +88,7 @@ impl ViewChoice {
     fn gain(&mut self, problem: &Problem, from: &Pose, end: &Pose) -> Information {
         let mut gained = 0;
         let mut start = 0;
-        for (pose, &stop) in image_poses(&problem.rig, from, end, problem.image_spacing_m).zip(&self.ends) {
+        for (pose, &stop) in image_poses(&problem.rig, from, end, problem.spacing).zip(&self.ends) {
             let frusta = problem.rig.frusta(&pose).expect("a camera on a gimbal has a frustum");
             let framed = self.sights[start..stop].iter().filter(|sight| frusta[0].frames(&sight.target));
             gained += add_all(framed, &mut self.fresh, &mut self.touched);

@@ -19,22 +19,27 @@ pub struct Exposed {
     pub dropped: u32,
 }
 
-/// An exposure may wait for the shutter this share of its interval: further on, the view would be another one.
+/// An exposure may wait for the shutter this share of its interval: further on, the view would be another one. One without which an overlap
+/// would be lost waits as long as it has to.
 const MOST_WAIT: f64 = 0.25;
 /// Intervals are kept to within rounding of the times, s.
 const TIME_TOLERANCE_S: f64 = 1e-9;
 
 /// All images, at the points of the curve at which their places are passed. An arc is shorter than what it cuts off, so that images near
 /// corners can come sooner than the shutter is ready again: they are taken when it is, a little farther on.
+///
+/// With an overlap no image is farther from the one before than the most along the curve: planned places are not, an exposure is only
+/// left out where the next one is near enough without it, and one that waits is as far on as the flight comes in an interval.
 pub fn expose(route: &Route, rig: &Rig, profile: &Profile) -> Exposed {
     let mut exposed = Exposed::default();
     let mut ready_s = f64::NEG_INFINITY;
-    for exposure in &route.exposures {
+    let mut last = None;
+    for (index, exposure) in route.exposures.iter().enumerate() {
         let Some(planned) = profile.passing(exposure.leg, exposure.flown_m) else { continue };
         let wait_s = ready_s - planned.time_s;
         let (passage, direction) = if wait_s <= TIME_TOLERANCE_S {
             (planned, direction(exposure, rig, &planned))
-        } else if wait_s <= MOST_WAIT * rig.shutter_interval_s
+        } else if (wait_s <= MOST_WAIT * rig.shutter_interval_s || is_missed(route, last.as_ref(), index))
             && ready_s <= profile.duration_s()
             && let Some(later) = profile.at(ready_s)
         {
@@ -46,8 +51,21 @@ pub fn expose(route: &Route, rig: &Rig, profile: &Profile) -> Exposed {
         };
         ready_s = passage.time_s + rig.shutter_interval_s;
         exposed.images.extend(images(rig, &passage, direction));
+        last = Some(passage);
     }
     exposed
+}
+
+/// Whether an overlap would be lost without an exposure: the next one lies too far behind the last image, or there is none.
+fn is_missed(route: &Route, last: Option<&Passage>, index: usize) -> bool {
+    let (Some(most_m), Some(last)) = (route.most_apart_m, last) else { return false };
+    let is_far = |next: &Exposure| {
+        // Along the legs, which are longer than the arcs.
+        let legs = route.waypoints.windows(2).take(next.leg).skip(last.leg);
+        let between_m: f64 = legs.map(|ends| (ends[1].position - ends[0].position).norm()).sum();
+        next.leg >= last.leg && between_m - last.flown_m + next.flown_m > most_m
+    };
+    route.exposures.get(index + 1).is_none_or(is_far)
 }
 
 /// The most that an image is smeared by the flight during its exposure, at the surface nearest to it, px; 0 without images.

@@ -4,6 +4,7 @@ use crate::camera::{Pose, Rig};
 use crate::search::Problem;
 use crate::search::leg::image_poses;
 use crate::search::outcome::{Iteration, Outcome, StopReason};
+use crate::search::spacing::ImageSpacing;
 
 /// What a planning method decides.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -11,6 +12,8 @@ pub struct Route {
     pub waypoints: Vec<Pose>,
     /// In the order of the flight.
     pub exposures: Vec<Exposure>,
+    /// For an overlap: images that follow each other are to be no farther apart, m. Exposures are.
+    pub most_apart_m: Option<f64>,
 }
 
 /// What a planning method found: always its best, never an error because it was stopped.
@@ -37,17 +40,17 @@ impl Found {
     /// A search's path with images all along it.
     pub fn of(outcome: Outcome, problem: &Problem) -> Self {
         let Outcome { path, convergence, stop } = outcome;
-        Self { route: Route::continuous(&path, &problem.rig, problem.image_spacing_m), convergence, stop }
+        Self { route: Route::continuous(&path, &problem.rig, problem.spacing), convergence, stop }
     }
 }
 
 impl Route {
-    /// Images all along the path, at least `spacing_m` apart: at its start and on every leg up to the leg's end.
-    pub fn continuous(path: &[Pose], rig: &Rig, spacing_m: f64) -> Self {
+    /// Images all along the path, as many as `spacing` says: at its start and on every leg up to the leg's end.
+    pub fn continuous(path: &[Pose], rig: &Rig, spacing: ImageSpacing) -> Self {
         let start = path.first().map(|&pose| Exposure { leg: 0, flown_m: 0.0, pose });
         let on_leg = |(leg, ends): (usize, &[Pose])| {
             let from = ends[0];
-            image_poses(rig, &from, &ends[1], spacing_m).map(move |pose| {
+            image_poses(rig, &from, &ends[1], spacing).map(move |pose| {
                 let flown_m = (pose.position - from.position).norm();
                 Exposure { leg, flown_m, pose }
             })
@@ -55,6 +58,7 @@ impl Route {
         Self {
             waypoints: path.to_vec(),
             exposures: start.into_iter().chain(path.windows(2).enumerate().flat_map(on_leg)).collect(),
+            most_apart_m: spacing.most_m,
         }
     }
 
@@ -66,6 +70,6 @@ impl Route {
             Exposure { leg: arriving.unwrap_or(0), flown_m, pose: path[index] }
         };
         let exposures = (0..path.len()).filter(|&index| is_view[index]).map(exposure).collect();
-        Self { waypoints: path.to_vec(), exposures }
+        Self { waypoints: path.to_vec(), exposures, most_apart_m: None }
     }
 }

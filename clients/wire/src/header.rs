@@ -8,8 +8,8 @@ use overfly_table::Block;
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYMSG");
 
 /// Version of the header, the bodies and the services. Both sides must agree. Version 2 has orders with rig files and view directions, 3 those with goals, seconds and
-/// regions, 4 those with goals for matched views and objectives.
-pub const SCHEMA: u32 = 4;
+/// regions, 4 those with goals for matched views and objectives, 5 those with an overlap.
+pub const SCHEMA: u32 = 5;
 
 /// Who sent what, and how long it is.
 #[repr(C)]

@@ -99,6 +99,9 @@ pub struct PlanOrder {
     pub within_s: Option<f64>,
     /// Views with a larger ground sampling distance show nothing, m; `None` for the range of the daemon's coverage model.
     pub gsd_m: Option<f64>,
+    /// For the methods `refined` and `paper`: share of an image that the next one of the same camera shows as well, percent above 0 and below
+    /// 100; `None` asks for none.
+    pub overlap_percent: Option<f64>,
     /// Corners of the area whose surfaces count, m in the local frame; empty for the whole scene.
     pub region_m: Vec<[f64; 2]>,
     /// Where the flight starts, m in the local frame; `None` lets the planner choose.
@@ -122,6 +125,7 @@ impl Default for PlanOrder {
             matched_percent: None,
             within_s: None,
             gsd_m: None,
+            overlap_percent: None,
             region_m: Vec::new(),
             start_m: None,
             start_view_deg: None,
@@ -425,6 +429,9 @@ impl PlanOrder {
         if let Some(gsd_m) = self.gsd_m.filter(|gsd_m| !(*gsd_m > 0.0 && gsd_m.is_finite())) {
             return invalid(format!("the ground sampling distance is {gsd_m} m; give a length above 0, such as 0.01"));
         }
+        if let Some(percent) = self.overlap_percent.filter(|percent| !(*percent > 0.0 && *percent < 100.0)) {
+            return invalid(format!("the overlap is {percent} %; give more than 0 and less than 100, such as 80"));
+        }
         if !self.region_m.is_empty() && !(3..=MAX_OUTLINE_CORNERS).contains(&self.region_m.len()) {
             let corners = self.region_m.len();
             return invalid(format!(
@@ -606,6 +613,9 @@ mod tests {
             plan(PlanOrder { goal_percent: Some(100.1), ..order() }),
             plan(PlanOrder { matched_percent: Some(f64::NAN), ..order() }),
             plan(PlanOrder { gsd_m: Some(-0.01), ..order() }),
+            plan(PlanOrder { overlap_percent: Some(0.0), ..order() }),
+            plan(PlanOrder { overlap_percent: Some(100.0), ..order() }),
+            plan(PlanOrder { overlap_percent: Some(f64::NAN), ..order() }),
             plan(PlanOrder { region_m: vec![[0.0; 2]; 2], ..order() }),
             plan(PlanOrder { region_m: vec![[0.0, 1.0], [1.0, 2.0], [1e9, 0.0]], ..order() }),
             plan(PlanOrder { rig: "x".repeat(1000), ..order() }),

@@ -103,12 +103,11 @@ pub fn refine(
         annealing.round(temperature_s(ground, done, rounds) * 1e9);
         done += 1;
         convergence.push(annealing.record());
-        pace.note(done, stop.elapsed_s());
         if let Budget::Until(until_s) = budget
             && rounds == u32::MAX
-            && let Some(fitting) = pace.fitting(until_s)
         {
-            rounds = fitting;
+            pace.note(done, stop.elapsed_s());
+            rounds = pace.fitting(until_s).unwrap_or(u32::MAX);
         }
         tell(annealing.record(), done, rounds);
         if done > hot_rounds(rounds) && CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32) {

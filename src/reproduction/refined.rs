@@ -30,7 +30,7 @@ struct Sitting {
 const SITTINGS: [Sitting; 2] = [
     Sitting {
         budget_s: 1.0,
-        seeds: 3,
+        seeds: 5,
         rigs: [(ONE_CAMERA, &SITES, 0.55), (FIVE_CAMERAS, &SITES, 0.6), (PANORAMIC, &SITES, 0.40)],
     },
     Sitting {

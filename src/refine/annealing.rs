@@ -144,17 +144,19 @@ impl<'a> Annealing<'a> {
     }
 
     /// Takes note of what the best flight is really worth, and demands from now on what makes up for the difference; the search for the best
-    /// flight begins anew from there.
-    pub fn calibrate(&mut self, really: &Confirmed) {
+    /// flight begins anew from there. At the end no demand falls: what one measure has to spare is soon lost while the other one is mended.
+    pub fn calibrate(&mut self, really: &Confirmed, is_end: bool) {
         match self.aim {
             Aim::LeastTime { required } => {
-                let (most, seemingly) = (self.flight.counts.most(), self.best.worth);
-                let demanded = |required: u32, seemingly: u32, really: u32, most: u32| {
-                    if required == 0 { 0 } else { (required + seemingly).saturating_sub(really).clamp(1, most.max(1)) }
+                let (most, seemingly, before) = (self.flight.counts.most(), self.best.worth, self.demand.required);
+                let demanded = |[required, seemingly, really, most, before]: [u32; 5]| {
+                    let least = if is_end { before } else { 1 };
+                    if required == 0 { 0 } else { (required + seemingly).saturating_sub(really).max(least).clamp(1, most.max(1)) }
                 };
+                let all = [required, seemingly, really.worth, most, before];
                 self.demand.required = Worth {
-                    captured: demanded(required.captured, seemingly.captured, really.worth.captured, most.captured),
-                    matched: demanded(required.matched, seemingly.matched, really.worth.matched, most.matched),
+                    captured: demanded(all.map(|worth| worth.captured)),
+                    matched: demanded(all.map(|worth| worth.matched)),
                 };
             }
             Aim::MostCoverage { within_ns } => {

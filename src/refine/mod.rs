@@ -111,7 +111,7 @@ pub fn refine(
         }
         tell(annealing.record(), done, rounds);
         if done > hot_rounds(rounds) && CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32) {
-            annealing.calibrate(&confirm(&annealing.best().path));
+            annealing.calibrate(&confirm(&annealing.best().path), false);
         }
     }
 
@@ -127,7 +127,7 @@ pub fn refine(
         if repair == REPAIRS || stop.is_stopped() {
             break;
         }
-        annealing.calibrate(&really);
+        annealing.calibrate(&really, true);
         for _ in 0..(f64::from(rounds * (repair + 1)) * REPAIR_SHARE).ceil() as u32 {
             annealing.round(ground.settings.coldest_s * 1e9);
             tell(annealing.record(), done, rounds);

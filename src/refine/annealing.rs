@@ -15,7 +15,7 @@ use super::cells::Totals;
 use super::choice::{Choice, Returns};
 use super::counts::Worth;
 use super::draft::Splice;
-use super::flight::{Demand, Flight, Prices, Pursuit, Trial};
+use super::flight::{Demand, Flight, Journal, Prices, Pursuit, Trial};
 use super::ground::Ground;
 use super::moves::{self, exponential};
 use crate::camera::Pose;
@@ -53,7 +53,9 @@ pub struct Annealing<'a> {
     /// Time that the flight may take as it is timed here.
     within_ns: u64,
     seed: u64,
+    /// The flight as it is, with a copy for each worker but the first.
     flight: Flight,
+    copies: Vec<Flight>,
     demand: Demand,
     choice: Choice,
     /// What the flight was worth when the prices were adjusted last.
@@ -128,6 +130,7 @@ impl<'a> Annealing<'a> {
             within_ns,
             seed,
             flight,
+            copies: Vec::new(),
             demand,
             choice: Choice::new(),
             worth: Worth::default(),
@@ -168,6 +171,7 @@ impl<'a> Annealing<'a> {
             Aim::MostObjective => return,
         }
         self.flight = Flight::new(self.ground, &self.best.path);
+        self.copies.clear();
         self.best.duration_ns = u64::MAX;
         self.keep_best();
     }
@@ -185,31 +189,33 @@ impl<'a> Annealing<'a> {
             _ => Pursuit::Time(self.demand),
         };
         let sectors = self.sectors();
-        let choice = &self.choice;
-        let (flights, returns): (Vec<Flight>, Vec<Returns>) = sectors
-            .par_iter()
+        self.copies.resize_with(sectors.len() - 1, || self.flight.clone());
+        let (seed, rounds, choice) = (self.seed, self.rounds, &self.choice);
+        let mut flights: Vec<&mut Flight> = std::iter::once(&mut self.flight).chain(&mut self.copies).collect();
+        let returns: Vec<Returns> = flights
+            .par_iter_mut()
+            .zip(&sectors)
             .enumerate()
-            .map(|(worker, sector)| {
-                let mut random = ChaCha8Rng::seed_from_u64(self.seed);
-                random.set_stream(u64::from(self.rounds) << 8 | worker as u64);
-                let mut flight = self.flight.clone();
+            .map(|(worker, (flight, sector))| {
+                let mut random = ChaCha8Rng::seed_from_u64(seed);
+                random.set_stream(u64::from(rounds) << 8 | worker as u64);
                 let (mut splice, mut returns) = (Splice::default(), Returns::default());
                 for _ in 0..steps {
                     let kind = choice.draw(&mut random);
                     let mut trial = Trial::default();
-                    if moves::propose(ground, &flight, required, *sector, kind, &mut random, &mut splice) {
+                    if moves::propose(ground, flight, required, *sector, kind, &mut random, &mut splice) {
                         let most_ns = temperature_ns * exponential(&mut random);
                         trial = flight.attempt(ground, &splice, &pursuit, most_ns);
                     }
                     returns.note(kind, trial.gained.unwrap_or(0.0), trial.views);
                 }
-                (flight, returns)
+                returns
             })
-            .unzip();
+            .collect();
+        join(ground, &mut flights, &sectors);
         self.choice.learn(returns.iter());
         self.tried += u64::from(steps) * sectors.len() as u64;
         self.rounds += 1;
-        self.flight = joined(ground, flights, &sectors);
         self.adjust_price();
         self.keep_best();
     }
@@ -296,17 +302,22 @@ impl<'a> Annealing<'a> {
     }
 }
 
-/// The flight whose sectors are those of the workers.
-fn joined(ground: &Ground, mut flights: Vec<Flight>, sectors: &[Sector]) -> Flight {
-    if flights.len() == 1 {
-        return flights.remove(0);
+/// Makes all copies the flight whose sectors are those of the workers.
+fn join(ground: &Ground, flights: &mut [&mut Flight], sectors: &[Sector]) {
+    let journals: Vec<Journal> = flights.iter_mut().map(|flight| flight.take_journal()).collect();
+    if sectors.len() == 1 {
+        return;
     }
     let mut waypoints = Vec::new();
-    for (k, (flight, sector)) in flights.into_iter().zip(sectors).enumerate() {
+    for (k, (flight, sector)) in flights.iter().zip(sectors).enumerate() {
         // The waypoint before a sector leaves along the sector's first leg.
         let from = if k == 0 { 0 } else { sector.head - 1 };
         let to = flight.waypoints.len() - sector.tail;
-        waypoints.extend(flight.waypoints.into_iter().take(to).skip(from));
+        waypoints.extend(flight.waypoints[from.min(to)..to].iter().cloned());
     }
-    Flight::of_waypoints(ground, waypoints)
+    flights.par_iter_mut().enumerate().for_each(|(own, flight)| {
+        let others = journals.iter().enumerate().filter(|&(worker, _)| worker != own);
+        others.for_each(|(_, journal)| flight.follow(journal));
+        flight.arrange(ground, waypoints.clone());
+    });
 }

@@ -18,6 +18,15 @@ pub struct Flight {
     pub counts: Counts,
     timeline: Timeline,
     retimed: Retimed,
+    journal: Journal,
+}
+
+/// What changes of a flight took from what its images see, and what they added, since the journal was taken last: so that another copy of the
+/// flight can follow without being counted anew.
+#[derive(Clone, Debug, Default)]
+pub struct Journal {
+    dropped: Vec<Arc<Sights>>,
+    made: Vec<Arc<Sights>>,
 }
 
 /// A waypoint with what its image sees, and what those on the leg to the next waypoint see.
@@ -66,7 +75,25 @@ impl Flight {
         }
         let path: Vec<Pose> = waypoints.iter().map(|waypoint| waypoint.pose).collect();
         let timeline = Timeline::new(ground.limits, &path);
-        Self { waypoints, counts, timeline, retimed: Retimed::default() }
+        Self { waypoints, counts, timeline, retimed: Retimed::default(), journal: Journal::default() }
+    }
+
+    /// The journal since it was taken last.
+    pub fn take_journal(&mut self) -> Journal {
+        std::mem::take(&mut self.journal)
+    }
+
+    /// Makes the changes of another copy that were noted in its journal. What the waypoints are then is told by [`Flight::arrange`].
+    pub fn follow(&mut self, Journal { dropped, made }: &Journal) {
+        // What was made and dropped again has to be there before it can go.
+        made.iter().for_each(|sights| self.counts.add(sights));
+        dropped.iter().for_each(|sights| self.counts.remove(sights));
+    }
+
+    /// Takes over waypoints whose sights are counted already.
+    pub fn arrange(&mut self, ground: &Ground, waypoints: Vec<Waypoint>) {
+        self.waypoints = waypoints;
+        self.timeline = Timeline::new(ground.limits, &self.path());
     }
 
     /// Its corners.
@@ -86,7 +113,7 @@ impl Flight {
 
     /// Makes a change if it keeps all limits and makes the flight worse by no more than `most_ns`; a change that is not made leaves no trace.
     pub fn attempt(&mut self, ground: &Ground, splice: &Splice, pursuit: &Pursuit, most_ns: f64) -> Trial {
-        let Self { waypoints, counts, timeline, retimed } = self;
+        let Self { waypoints, counts, timeline, retimed, journal } = self;
         let draft = Draft::new(waypoints, splice, ground.is_rigid);
         let mut trial = Trial::default();
         if draft.count < 2 || !draft.new_legs().all(|k| ground.is_flyable(&draft.pose(k), &draft.pose(k + 1))) {
@@ -132,6 +159,8 @@ impl Flight {
             dropped.iter().for_each(|sights| counts.add(sights));
             return trial;
         }
+        journal.dropped.extend(dropped.shared().cloned());
+        journal.made.extend(made.shared().cloned());
         let fresh = made.waypoints(ground, waypoints, &draft);
         waypoints.splice(draft.touched().start..splice.range.end, fresh);
         timeline.commit(retimed);
@@ -283,7 +312,11 @@ impl Sighted {
     }
 
     fn iter(&self) -> impl Iterator<Item = &Sights> {
-        self.waypoints.iter().chain(&self.legs).map(|(_, sights)| sights.as_ref())
+        self.shared().map(Arc::as_ref)
+    }
+
+    fn shared(&self) -> impl Iterator<Item = &Arc<Sights>> {
+        self.waypoints.iter().chain(&self.legs).map(|(_, sights)| sights)
     }
 
     /// The waypoints that the change touches, as they will be.

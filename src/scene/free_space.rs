@@ -118,7 +118,10 @@ impl FreeSpace {
 
     /// Whether `p` is a safe position: [`FreeSpace::obstruction_at`] without a reason, cheapest tests first.
     pub fn is_safe(&self, p: &Point3<f64>) -> bool {
-        self.limits.contains(p) && self.is_leg_safe(p, p) && self.structure_around(p).is_none()
+        self.limits.contains(p)
+            && self.clearance.keeps_distance(p, p, self.safety_distance_m)
+            && !self.zones.iter().any(|zone| zone.meets(p, p))
+            && self.structure_around(p).is_none()
     }
 
     /// Whether the leg between two safe positions is safe. The hot path of the search: no reason is made up.

@@ -140,6 +140,9 @@ impl Pins {
         if spacing_m <= 0.0 {
             return Err(FieldError::NoSurface { scene: scene.name.clone() });
         }
+        // The number of samples goes with 1 / spacing^2.
+        let least_m = spacing_m * (f64::from(surface.samples) / f64::from(surface.max_samples)).sqrt();
+        let spacing_m = spacing_m.min(surface.max_spacing_m.max(least_m));
         let sampler = Sampler::new(Sampling { spacing_m, seed: surface.seed, offset_m: surface.exposure_offset_m });
         let coarsest = Lattice {
             origin: Point3::new(free.limits.min.x, free.limits.min.y, 0.0),

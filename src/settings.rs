@@ -51,6 +51,10 @@ pub struct ProxySettings {
 pub struct SurfaceSettings {
     /// Target number N of exposed samples.
     pub samples: u32,
+    /// No two neighbours are farther apart, m, even if that takes more samples than the target ...
+    pub max_spacing_m: f64,
+    /// ... as long as it takes no more than this.
+    pub max_samples: u32,
     /// Seed of the sampling and of the lattice's jitter.
     pub seed: u64,
     /// How far in front of a sample its exposure is tested, m.
@@ -201,6 +205,8 @@ pub struct RefineSettings {
     pub tree_iterations: u32,
     /// Rounds, where neither rounds nor seconds are asked for.
     pub rounds: u32,
+    /// Samples that count in the first rounds, at least.
+    pub coarse_samples: u32,
     /// Changes that each worker tries in one round.
     pub round_moves: u32,
     /// Parts of the flight that are changed at the same time.

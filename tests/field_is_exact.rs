@@ -62,7 +62,13 @@ fn samples_lie_on_their_structures_and_their_areas_add_up() {
         }
     }
     let exposed = field.samples.iter().filter(|sample| sample.exposed == 1).count() as f64;
-    assert!((exposed / f64::from(settings.surface.samples) - 1.0).abs() < 0.1, "{exposed} exposed samples");
+    // The target, or more where they would be too far apart.
+    let spacing_m = field.facts.sample_spacing_m;
+    let target = f64::from(settings.surface.samples).max(exposed * (spacing_m / settings.surface.max_spacing_m).powi(2));
+    assert!(
+        spacing_m <= settings.surface.max_spacing_m && (exposed / target - 1.0).abs() < 0.1,
+        "{exposed} of {target} exposed samples"
+    );
 }
 
 /// Two prisms that overlap, and a mesh of the first one's form that stands 6 m deep in the ground.

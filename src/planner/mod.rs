@@ -3,8 +3,12 @@
 mod options;
 mod overlap;
 
+use nalgebra::{Point3, Unit, Vector3};
+use rayon::prelude::*;
+
 use crate::baseline;
-use crate::camera::{Pose, Rig};
+use crate::camera::{Pose, Rig, Targets};
+use crate::coverage::Information;
 use crate::field::Snapshot;
 use crate::refine::{self, Aim, Budget, Confirmed, Counting, Ground, Task, Worth};
 use crate::search::objective::PathSums;
@@ -208,22 +212,31 @@ fn start_pose(problem: &Problem, options: &PlanOptions, stop: &StopToken) -> Res
         None => problem.field.viewpoints.iter().map(|row| row.position_m.into()).collect(),
     };
     let directions = options.start_view.map_or_else(|| problem.rig.pose_directions(), |view| vec![Some(view)]);
-    let mut scratch = problem.scratch();
-    let nothing = vec![0; problem.field.samples.len()];
-    let mut best = (Pose { position: positions[0], direction: directions[0] }, 0);
-    for position in positions {
-        if stop.is_abandoned() {
-            return Err(PlanError::Abandoned);
-        }
-        for &direction in &directions {
-            let pose = Pose { position, direction };
-            let gain = problem.gain(&nothing, &problem.observe_pose(&pose, &mut scratch));
-            if gain > best.1 {
-                best = (pose, gain);
-            }
-        }
+    let alone = |(index, position): (usize, &Point3<f64>)| {
+        let gains = (!stop.is_abandoned()).then(|| gains_alone(problem, *position, &directions))?;
+        // Of equal gains the first one.
+        let (direction, gain) = gains.into_iter().enumerate().rev().max_by_key(|&(_, gain)| gain)?;
+        Some((gain, std::cmp::Reverse(index), direction))
+    };
+    let best = positions.par_iter().enumerate().map(alone).collect::<Option<Vec<_>>>().ok_or(PlanError::Abandoned)?;
+    let (_, index, direction) = best.into_iter().max().expect("there is a position");
+    Ok(Pose { position: positions[index.0], direction: directions[direction] })
+}
+
+/// What a view in each direction gains by itself at a position.
+fn gains_alone(problem: &Problem, position: Point3<f64>, directions: &[Option<Unit<Vector3<f64>>>]) -> Vec<Information> {
+    let (mut targets, mut worths) = (Targets::default(), Vec::new());
+    for (i, mask) in problem.sighted(&position) {
+        targets.push(&problem.frames[i].position);
+        worths.push(u64::from(mask.count_ones()) * problem.areas_mm2[i]);
     }
-    Ok(best.0)
+    let gain = |&direction: &Option<Unit<Vector3<f64>>>| {
+        let frusta = problem.rig.frusta(&Pose { position, direction });
+        let mut marks = vec![frusta.is_none(); worths.len()];
+        frusta.iter().flatten().for_each(|view| view.mark_framed(&targets, &mut marks));
+        worths.iter().zip(marks).filter(|(_, is_framed)| *is_framed).map(|(worth, _)| worth).sum()
+    };
+    directions.iter().map(gain).collect()
 }
 
 fn metrics(

@@ -109,8 +109,8 @@ impl<'a> Annealing<'a> {
     pub fn new(ground: &'a Ground<'a>, path: &[Pose], aim: Aim, seed: u64) -> Self {
         let flight = Flight::new(ground, path);
         let (required, within_ns) = match aim {
-            Aim::LeastTime { required } => (required, u64::MAX),
-            Aim::MostCoverage { within_ns } => (flight.counts.most(), within_ns),
+            Aim::LeastTime { required } => (ground.share_of(required), u64::MAX),
+            Aim::MostCoverage { within_ns } => (ground.most, within_ns),
             Aim::MostObjective => (Worth::default(), u64::MAX),
         };
         let price_ns =
@@ -151,12 +151,13 @@ impl<'a> Annealing<'a> {
     pub fn calibrate(&mut self, really: &Confirmed, is_end: bool) {
         match self.aim {
             Aim::LeastTime { required } => {
-                let (most, seemingly, before) = (self.flight.counts.most(), self.best.worth, self.demand.required);
+                let (most, seemingly, before) = (self.ground.most, self.best.worth, self.demand.required);
+                let [required, really] = [required, really.worth].map(|worth| self.ground.share_of(worth));
                 let demanded = |[required, seemingly, really, most, before]: [u32; 5]| {
                     let least = if is_end { before } else { 1 };
                     if required == 0 { 0 } else { (required + seemingly).saturating_sub(really).max(least).clamp(1, most.max(1)) }
                 };
-                let all = [required, seemingly, really.worth, most, before];
+                let all = [required, seemingly, really, most, before];
                 self.demand.required = Worth {
                     captured: demanded(all.map(|worth| worth.captured)),
                     matched: demanded(all.map(|worth| worth.matched)),
@@ -170,8 +171,30 @@ impl<'a> Annealing<'a> {
             // What it really covers changes nothing about what is wanted.
             Aim::MostObjective => return,
         }
-        self.flight = Flight::new(self.ground, &self.best.path);
+        self.begin_anew(&self.best.path.clone());
+    }
+
+    /// Goes on with other samples. A sample costs what as many stand for it as before.
+    pub fn move_to(&mut self, ground: &'a Ground<'a>) {
+        let before = std::mem::replace(&mut self.ground, ground).most;
+        let Demand { required, prices_ns: Prices { captured, matched }, .. } = &mut self.demand;
+        let share = |part: u32, of: u32| f64::from(part.max(1)) / f64::from(of.max(1));
+        *captured *= share(before.captured, ground.most.captured);
+        *matched *= share(before.matched, ground.most.matched);
+        *required = match self.aim {
+            Aim::LeastTime { required } => ground.share_of(required),
+            Aim::MostCoverage { .. } => ground.most,
+            Aim::MostObjective => Worth::default(),
+        };
+        self.begin_anew(&self.flight.path());
+    }
+
+    /// Counts a flight anew; the search for the best one begins there.
+    fn begin_anew(&mut self, path: &[Pose]) {
+        self.flight = Flight::new(self.ground, path);
         self.copies.clear();
+        self.worth = self.flight.counts.worth();
+        self.best.worth = Worth::default();
         self.best.duration_ns = u64::MAX;
         self.keep_best();
     }
@@ -238,7 +261,7 @@ impl<'a> Annealing<'a> {
     /// A sample becomes dearer while samples are missing and do not get much fewer, and cheaper while there are enough; much cheaper while there
     /// are far too many.
     fn adjust_price(&mut self) {
-        let (worth, required, most) = (self.flight.counts.worth(), self.demand.required, self.flight.counts.most());
+        let (worth, required, most) = (self.flight.counts.worth(), self.demand.required, self.ground.most);
         let before = std::mem::replace(&mut self.worth, worth);
         let is_early = self.flight.duration_ns() < self.within_ns;
         let settings = self.ground.settings;
@@ -295,7 +318,7 @@ impl<'a> Annealing<'a> {
         let sums = PathSums { information, ..problem.objective.travel(&self.flight.path()) };
         Iteration {
             objective: problem.objective.value(&sums),
-            coverage_percent: problem.coverage_percent(captured),
+            coverage_percent: 100.0 * f64::from(captured) / f64::from(self.ground.most.captured.max(1)),
             length_m: sums.length_m,
             turning_s: sums.turning_s,
         }

@@ -12,7 +12,7 @@ use crate::coverage::{Information, Mask};
 pub struct CellCounts {
     samples: Vec<SampleCounts>,
     /// Cells that a sample must exceed; no number of cells exceeds that of a sample that does not count.
-    thresholds: Vec<u32>,
+    thresholds: Arc<[u32]>,
     areas_mm2: Arc<[u64]>,
     totals: Totals,
     /// Samples that count, and the cells that all of them need.
@@ -51,7 +51,7 @@ const MOST_IMAGES: usize = (1 << PLANES) - 1;
 
 impl CellCounts {
     /// `thresholds` in cells, by sample, and the area that each stands for.
-    pub fn new(thresholds: Vec<u32>, areas_mm2: Arc<[u64]>) -> Self {
+    pub fn new(thresholds: Arc<[u32]>, areas_mm2: Arc<[u64]>) -> Self {
         let samples = vec![SampleCounts::default(); thresholds.len()];
         let wanted = |threshold: &u32| counted(Mask::BITS, *threshold);
         let countable = thresholds.iter().filter(|threshold| wanted(threshold) > 0).count() as u32;
@@ -189,7 +189,7 @@ mod tests {
         ) {
             let views: Vec<Sights> = views.into_iter().map(|pairs| pairs.into_iter().collect()).collect();
             let areas_mm2: Arc<[u64]> = (1..=6).map(|i| 1000 * i).collect();
-            let mut counts = CellCounts::new(thresholds.clone(), Arc::clone(&areas_mm2));
+            let mut counts = CellCounts::new(thresholds.as_slice().into(), Arc::clone(&areas_mm2));
             views.iter().for_each(|seen| counts.add(seen));
             views.iter().zip(&leaves).filter(|(_, leaves)| **leaves).for_each(|(seen, _)| counts.remove(seen));
             let mut covered = [0u128; 6];

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::counts::{Counts, Worth};
 use super::draft::{Draft, Splice, Stop};
 use super::ground::{Ground, Look};
@@ -63,7 +65,7 @@ impl Flight {
             seen: ground.at_waypoint(&path[k], Look::Rays),
             leg: path.get(k + 1).map_or_else(|| Arc::clone(&ground.nothing), |next| ground.on_leg(&path[k], next, Look::Rays)),
         };
-        Self::of_waypoints(ground, (0..path.len()).map(waypoint).collect())
+        Self::of_waypoints(ground, (0..path.len()).into_par_iter().map(waypoint).collect())
     }
 
     /// A flight whose waypoints see what they say.

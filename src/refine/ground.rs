@@ -5,11 +5,11 @@ use std::sync::Arc;
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::cells::CellCounts;
-use super::counts::Counts;
+use super::counts::{Counts, Worth};
 use super::matches::MatchCounts;
 use super::sights::Sights;
 use crate::camera::{Cameras, Pose, Targets};
-use crate::coverage::{Bearing, Matching};
+use crate::coverage::{Bearing, Mask, Matching};
 use crate::search::Problem;
 use crate::search::leg::{heading, image_poses};
 use crate::settings::{RefineSettings, Settings};
@@ -26,8 +26,15 @@ pub struct Ground<'a> {
     pub is_start_fixed: bool,
     /// Samples that can be captured, and the ones that are to be matched.
     pub wanted: Vec<u32>,
+    /// How many samples there are for each one that is looked at.
+    pub stride: usize,
+    /// The most that any flight is worth, of the samples that are looked at and of all.
+    pub most: Worth,
+    pub most_of_all: Worth,
     /// Wanted samples in each row of the field.
     rows: Vec<Row>,
+    /// Cells that each sample must exceed; all cells for one that does not count.
+    thresholds: Arc<[u32]>,
     /// By sample: whether its matched views count.
     is_matching: Arc<[bool]>,
     areas_mm2: Arc<[u64]>,
@@ -66,47 +73,90 @@ pub enum Look {
 
 impl<'a> Ground<'a> {
     pub fn new(problem: &'a Problem<'a>, settings: &'a Settings, is_start_fixed: bool, counting: Counting) -> Self {
-        let is_matched = counting == Counting::Matched;
-        let is_matching: Arc<[bool]> = problem.matchable.iter().map(|matchable| is_matched && *matchable).collect();
-        let is_wanted = |i: usize| problem.is_capturable(i) || is_matching[i] || counting == Counting::Everything;
-        let mut seers = vec![Vec::new(); problem.frames.len()];
-        let mut rows = vec![Row::default(); problem.field.viewpoints.len()];
-        for (j, row) in rows.iter_mut().enumerate() {
-            for i in problem.seen_from(j).filter(|&i| is_wanted(i)) {
-                seers[i].push(j as u32);
-                row.samples.push(i as u32);
-                row.targets.push(&problem.frames[i].position);
-            }
-        }
-        Self {
+        let is_wanted = |i: usize| {
+            let is_matched = counting == Counting::Matched && problem.matchable[i];
+            is_matched || problem.is_capturable(i) || counting == Counting::Everything
+        };
+        let samples = problem.frames.len();
+        let mut ground = Self {
             problem,
             settings: &settings.refine,
             limits: Limits::new(&problem.rig, &settings.flight, &settings.dynamics),
             is_rigid: matches!(problem.rig.cameras, Cameras::Rigid(_)),
             is_start_fixed,
-            wanted: (0..problem.frames.len() as u32).filter(|&i| is_wanted(i as usize)).collect(),
-            rows,
-            is_matching,
+            wanted: (0..samples as u32).filter(|&i| is_wanted(i as usize)).collect(),
+            stride: 1,
+            most: Worth::default(),
+            most_of_all: Worth::default(),
+            rows: Vec::new(),
+            thresholds: (0..samples).map(|i| raised_threshold(problem, &settings.refine, i)).collect(),
+            is_matching: (0..samples).map(|i| counting == Counting::Matched && problem.matchable[i]).collect(),
             areas_mm2: problem.areas_mm2.as_slice().into(),
             matching: Matching::within(&settings.quality, settings.refine.margin_parallax_deg),
-            seers,
+            seers: Vec::new(),
             nothing: Arc::new(Sights::default()),
+        };
+        ground.survey();
+        ground.most_of_all = ground.most;
+        ground
+    }
+
+    /// The same ground on which only every so many samples count.
+    pub fn thinned(&self, stride: usize) -> Self {
+        let counts = |i: usize| i.is_multiple_of(stride);
+        let mut ground = Self {
+            wanted: self.wanted.iter().copied().filter(|&i| counts(i as usize)).collect(),
+            stride,
+            rows: Vec::new(),
+            thresholds: self
+                .thresholds
+                .iter()
+                .enumerate()
+                .map(|(i, &cells)| if counts(i) { cells } else { Mask::BITS })
+                .collect(),
+            is_matching: self.is_matching.iter().enumerate().map(|(i, matches)| *matches && counts(i)).collect(),
+            areas_mm2: Arc::clone(&self.areas_mm2),
+            seers: Vec::new(),
+            nothing: Arc::clone(&self.nothing),
+            ..*self
+        };
+        ground.survey();
+        ground
+    }
+
+    /// What follows from the samples that are wanted.
+    fn survey(&mut self) {
+        let problem = self.problem;
+        let mut is_wanted = vec![false; problem.frames.len()];
+        self.wanted.iter().for_each(|&i| is_wanted[i as usize] = true);
+        self.seers = vec![Vec::new(); problem.frames.len()];
+        self.rows = vec![Row::default(); problem.field.viewpoints.len()];
+        for (j, row) in self.rows.iter_mut().enumerate() {
+            for i in problem.seen_from(j).filter(|&i| is_wanted[i]) {
+                self.seers[i].push(j as u32);
+                row.samples.push(i as u32);
+                row.targets.push(&problem.frames[i].position);
+            }
+        }
+        self.most = self.counts().most();
+    }
+
+    /// Empty counters.
+    pub fn counts(&self) -> Counts {
+        Counts {
+            cells: CellCounts::new(Arc::clone(&self.thresholds), Arc::clone(&self.areas_mm2)),
+            matches: MatchCounts::new(self.matching, Arc::clone(&self.is_matching)),
         }
     }
 
-    /// Empty counters. A sample has to exceed the threshold of the problem by a margin, as far as it can: an image that is taken half a
-    /// metre away, on the arc of a corner or in a gust, must not lose it.
-    pub fn counts(&self) -> Counts {
-        let raised = |(&threshold, &ceiling): (&u32, &u16)| match u32::from(ceiling).checked_sub(threshold + 1) {
-            Some(most) => threshold + self.settings.margin_cells.min(most),
-            None => threshold,
+    /// As many of the samples that are looked at as are the same share of them as `of_all` is of all.
+    pub fn share_of(&self, of_all: Worth) -> Worth {
+        let share = |part: u32, most: u32, whole: u32| {
+            if whole == 0 { 0 } else { (u64::from(part) * u64::from(most)).div_ceil(u64::from(whole)) as u32 }
         };
-        Counts {
-            cells: CellCounts::new(
-                self.problem.thresholds.iter().zip(&self.problem.ceilings).map(raised).collect(),
-                Arc::clone(&self.areas_mm2),
-            ),
-            matches: MatchCounts::new(self.matching, Arc::clone(&self.is_matching)),
+        Worth {
+            captured: share(of_all.captured, self.most.captured, self.most_of_all.captured),
+            matched: share(of_all.matched, self.most.matched, self.most_of_all.matched),
         }
     }
 
@@ -192,5 +242,15 @@ impl<'a> Ground<'a> {
         }
         let level = Unit::try_new(Vector3::new(direction.x, direction.y, 0.0), 1e-9)?;
         Unit::try_new(level.into_inner() * (1.0 - height * height).max(0.0).sqrt() + Vector3::z() * height, 1e-6)
+    }
+}
+
+/// Cells that a sample must exceed while a flight is improved: more than the problem wants by a margin, as far as it can have them, so that an
+/// image that is taken half a metre away, on the arc of a corner or in a gust, does not lose it.
+fn raised_threshold(problem: &Problem, settings: &RefineSettings, i: usize) -> u32 {
+    let (threshold, ceiling) = (problem.thresholds[i], u32::from(problem.ceilings[i]));
+    match ceiling.checked_sub(threshold + 1) {
+        Some(most) => threshold + settings.margin_cells.min(most),
+        None => threshold,
     }
 }

@@ -11,6 +11,7 @@ mod counts;
 mod draft;
 mod flight;
 mod ground;
+mod levels;
 mod matches;
 mod moves;
 mod sights;
@@ -21,6 +22,8 @@ mod timeline;
 pub use annealing::{Aim, Annealing, Best};
 pub use counts::Worth;
 pub use ground::{Counting, Ground};
+
+use self::levels::Levels;
 
 use crate::camera::Pose;
 use crate::search::{Iteration, Outcome, Problem, Progress, StopReason};
@@ -69,7 +72,7 @@ const LATER_SHARE: f64 = 0.8;
 /// Share of the time that is left for the last repairs.
 const RESERVE: f64 = 0.05;
 
-/// How often it is looked at what the flight really captures: after shares of the rounds, then at the end, as long as samples are missing and
+/// How often it is looked at what the flight really captures: after shares of the rounds, as far as all samples count in them, then at the end, as long as samples are missing and
 /// with more rounds each time: such a share of all, then twice as many, and so on.
 const CALIBRATIONS: [f64; 3] = [0.5, 0.75, 0.9];
 const REPAIRS: u32 = 6;
@@ -86,7 +89,9 @@ pub fn refine(
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Outcome {
     let Task { aim, budget, seed } = *task;
-    let mut annealing = Annealing::new(ground, path, aim, seed);
+    let levels = Levels::new(ground, aim);
+    let mut level = 0;
+    let mut annealing = Annealing::new(levels.ground(level), path, aim, seed);
     let mut convergence: Vec<Iteration> = Vec::new();
     let mut rounds = match budget {
         Budget::Rounds(rounds) => rounds,
@@ -100,6 +105,11 @@ pub fn refine(
     };
     let mut done = 0;
     while done < rounds && !stop.is_stopped() {
+        // Never before it is known how many rounds there are.
+        while level < levels.last() && done >= levels.end(level, rounds).max(hot_rounds(rounds)) {
+            level += 1;
+            annealing.move_to(levels.ground(level));
+        }
         annealing.round(temperature_s(ground, done, rounds) * 1e9);
         done += 1;
         convergence.push(annealing.record());
@@ -107,14 +117,20 @@ pub fn refine(
             && rounds == u32::MAX
         {
             pace.note(done, stop.elapsed_s());
-            rounds = pace.fitting(until_s).unwrap_or(u32::MAX);
+            rounds = pace.fitting(until_s, levels.later_cost(1.0 / f64::from(HOT_SHARE))).unwrap_or(u32::MAX);
         }
         tell(annealing.record(), done, rounds);
-        if done > hot_rounds(rounds) && CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32) {
+        if level == levels.last()
+            && done > hot_rounds(rounds)
+            && CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32)
+        {
             annealing.calibrate(&confirm(&annealing.best().path), false);
         }
     }
 
+    if level < levels.last() {
+        annealing.move_to(ground);
+    }
     let mut reason = if stop.is_stopped() { StopReason::Cancelled } else { StopReason::IterationsUsed };
     for repair in 0..=REPAIRS {
         let really = confirm(&annealing.best().path);
@@ -161,11 +177,12 @@ impl Pace {
         self.0.extend(now_s.filter(|_| done as usize == self.0.len()));
     }
 
-    /// All rounds that fit in until `until_s`, if the hot ones of them are over: as many as make just those the hot ones.
-    fn fitting(&self, until_s: f64) -> Option<u32> {
+    /// All rounds that fit in until `until_s`, if the hot ones of them are over: as many as make just those the hot ones. Each of the others costs
+    /// `later_cost` times as much for the samples that count in it.
+    fn fitting(&self, until_s: f64, later_cost: f64) -> Option<u32> {
         let done = u32::try_from(self.0.len().checked_sub(1)?).ok().filter(|&done| done >= LEAST_HOT)?;
         let (now_s, half) = (self.0[done as usize], done / 2);
-        let round_s = (now_s - self.0[half as usize]) / f64::from(done - half) * LATER_SHARE;
+        let round_s = (now_s - self.0[half as usize]) / f64::from(done - half) * LATER_SHARE * later_cost;
         let left_s = until_s - (until_s - self.0[0]) * RESERVE - now_s;
         let fitting = done + (left_s.max(0.0) / round_s.max(1e-6)).min(f64::from(MOST_ITERATIONS)) as u32;
         if done == LEAST_HOT && fitting < (LEAST_HOT + 1) * HOT_SHARE {
@@ -185,7 +202,7 @@ mod pace_tests {
             let mut pace = Pace::default();
             let decided = (0..100_000u32).find_map(|done| {
                 pace.note(done, Some(f64::from(done) * round_s));
-                Some((done, pace.fitting(until_s)?))
+                Some((done, pace.fitting(until_s, 1.0)?))
             });
             let (done, rounds) = decided.expect("some time they are");
             assert_eq!(done, hot_rounds(rounds), "{rounds} rounds of {round_s} s until {until_s} s");
@@ -198,6 +215,6 @@ mod pace_tests {
     fn without_a_clock_nothing_is_decided() {
         let mut pace = Pace::default();
         (0..20).for_each(|done| pace.note(done, None));
-        assert_eq!(pace.fitting(1.0), None);
+        assert_eq!(pace.fitting(1.0, 1.0), None);
     }
 }

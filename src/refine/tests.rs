@@ -24,7 +24,7 @@ use crate::settings::Settings;
 use crate::stop::StopToken;
 use crate::trajectory::profile::Profile;
 
-fn small_block() -> (Snapshot, Settings) {
+pub(super) fn small_block() -> (Snapshot, Settings) {
     let mut settings = Settings::default();
     settings.surface.samples = 150;
     settings.field.viewpoints = 200;
@@ -191,5 +191,42 @@ fn every_waypoint_and_leg_keeps_the_limits_and_a_fixed_start_stays() {
         }
         let reaches = |pose: &Pose| pose.direction.is_none_or(|direction| problem.rig.reaches(&direction));
         assert!(refined.iter().all(|pose| problem.free.is_safe(&pose.position) && reaches(pose)));
+    });
+}
+
+#[test]
+fn the_samples_of_a_thinned_ground_are_counted_as_on_the_whole_one() {
+    for_every_rig(|ground, path, _, _| {
+        let thinned = ground.thinned(3);
+        let is_in = |i: &&u32| **i % 3 == 0;
+        assert_eq!(thinned.wanted, ground.wanted.iter().filter(is_in).copied().collect::<Vec<_>>());
+        let [whole, part] = [ground, &thinned].map(|ground| Flight::new(ground, path));
+        let mut worth = Worth::default();
+        for &i in &thinned.wanted {
+            let i = i as usize;
+            assert_eq!(part.counts.cells.cells(i), whole.counts.cells.cells(i), "sample {i}");
+            assert_eq!(part.counts.cells.is_missing(i), whole.counts.cells.is_missing(i), "sample {i}");
+            assert_eq!(part.counts.matches.is_missing(i), whole.counts.matches.is_missing(i), "sample {i}");
+            worth.captured += u32::from(ground.problem.is_capturable(i) && !whole.counts.cells.is_missing(i));
+            worth.matched += u32::from(ground.problem.matchable[i] && !whole.counts.matches.is_missing(i));
+        }
+        assert_eq!(part.counts.worth(), worth);
+        assert_eq!(thinned.share_of(ground.most), thinned.most);
+        assert_eq!(ground.share_of(required(ground)), required(ground));
+    });
+}
+
+#[test]
+fn after_a_change_of_samples_a_flight_is_as_good_as_one_counted_anew() {
+    for_every_rig(|ground, path, _, _| {
+        let thinned = ground.thinned(2);
+        let mut annealing = Annealing::new(&thinned, path, Aim::LeastTime { required: required(ground) }, 6);
+        (0..8).for_each(|_| annealing.round(1e9));
+        annealing.move_to(ground);
+        (0..4).for_each(|_| annealing.round(1e9));
+        // By all samples, whatever the first rounds looked at.
+        let best = annealing.best();
+        let anew = Flight::new(ground, &best.path);
+        assert_eq!((best.worth, best.duration_ns), (anew.counts.worth(), anew.duration_ns()));
     });
 }

@@ -45,14 +45,36 @@ pub struct Capture {
 pub fn sightings(snapshot: &Snapshot, disks: &DiskModel, images: &[Image], stop: &StopToken) -> Option<Sightings> {
     let field = snapshot.field();
     let views: Vec<Option<View>> = images.iter().map(Image::view).collect();
+    let strip = Strip::new(images);
     let rows = field.samples.par_iter().map(|row| {
         if row.exposed == 0 {
             return Some(Vec::new());
         }
         let sample = SampleFrame::new(row.position_m.into(), row.normal.into());
-        (!stop.is_abandoned()).then(|| seen_by(snapshot, disks, images, &views, &sample))
+        let near = || strip.within(sample.position.x, disks.range_m());
+        (!stop.is_abandoned()).then(|| seen_by(snapshot, disks, images, &views, &sample, near()))
     });
     rows.collect::<Option<_>>().map(Sightings)
+}
+
+/// Images from west to east, so that a sample need not look at those of the whole town.
+struct Strip(Vec<(f64, usize)>);
+
+impl Strip {
+    fn new(images: &[Image]) -> Self {
+        let mut places: Vec<_> = images.iter().enumerate().map(|(index, image)| (image.position_m.x, index)).collect();
+        places.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        Self(places)
+    }
+
+    /// The images no farther than `range_m` to the east or west, in their order.
+    fn within(&self, x_m: f64, range_m: f64) -> Vec<usize> {
+        let reach_m = range_m * (1.0 + 1e-9);
+        let [from, to] = [x_m - reach_m, x_m + reach_m].map(|x_m| self.0.partition_point(|place| place.0 < x_m));
+        let mut near: Vec<usize> = self.0[from..to].iter().map(|place| place.1).collect();
+        near.sort_unstable();
+        near
+    }
 }
 
 fn seen_by(
@@ -61,6 +83,7 @@ fn seen_by(
     images: &[Image],
     views: &[Option<View>],
     sample: &SampleFrame,
+    near: Vec<usize>,
 ) -> Vec<Sighting> {
     let end: Point3<f64> = sample.position + sample.normal * snapshot.offset_m;
     let mask = |index: usize| {
@@ -75,7 +98,7 @@ fn seen_by(
         mask: mask(index),
         bearing: Bearing::new(&sample.position, &images[index].position_m),
     };
-    (0..images.len()).map(sighting).filter(|sighting| sighting.mask != 0).collect()
+    near.into_iter().map(sighting).filter(|sighting| sighting.mask != 0).collect()
 }
 
 impl Sightings {

@@ -27,6 +27,9 @@ const RIGS: [&str; 3] = ["phantom4-rtk", "m300-oblique", "panoramic"];
 /// Changes in one round that is measured: enough of all kinds.
 const MOVES: u32 = 2000;
 
+/// In the first rounds over the real town only every so many samples count.
+const FEWER: usize = 4;
+
 /// Rounds of [`MOVES`] changes, and temperatures that they begin and end with: what is measured after them is the middle of a search.
 const WARM_UP: u32 = 15;
 const TEMPERATURES_NS: [f64; 2] = [3e9, 0.3e9];
@@ -114,9 +117,22 @@ fn tried_changes(bencher: Bencher, rig: &str) {
     let stage = stage(rig);
     let problem = stage.problem();
     let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched);
+    bench_changes(bencher, &ground, stage);
+}
+
+/// The same where only every fourth sample counts, as in the first half of the rounds.
+#[divan::bench(args = RIGS, sample_count = 20, sample_size = 1)]
+fn tried_changes_on_few_samples(bencher: Bencher, rig: &str) {
+    let stage = stage(rig);
+    let problem = stage.problem();
+    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched).thinned(FEWER);
+    bench_changes(bencher, &ground, stage);
+}
+
+fn bench_changes(bencher: Bencher, ground: &Ground, stage: &Stage) {
     let seed = AtomicU64::new(1);
     bencher
-        .with_inputs(|| Annealing::new(&ground, &stage.path, aim(&problem), seed.fetch_add(1, Ordering::Relaxed)))
+        .with_inputs(|| Annealing::new(ground, &stage.path, aim(ground.problem), seed.fetch_add(1, Ordering::Relaxed)))
         .counter(ItemsCount::new(MOVES))
         .bench_local_refs(|annealing| ONE_CORE.install(|| annealing.round(TEMPERATURES_NS[1])));
 }

@@ -86,19 +86,24 @@ fn seen_by(
     near: Vec<usize>,
 ) -> Vec<Sighting> {
     let end: Point3<f64> = sample.position + sample.normal * snapshot.offset_m;
-    let mask = |index: usize| {
-        let position = &images[index].position_m;
-        let sees = disks.faces(sample, position)
-            && views[index].as_ref().is_none_or(|view| view.frames(&sample.position))
-            && !snapshot.free.clearance.occluded(position, &end);
-        if sees { disks.exact_mask(sample, position) } else { 0 }
+    // The cameras of a rig stand at one place, so that one ray does for all of them.
+    let mut known: Option<(Point3<f64>, Mask)> = None;
+    let mut mask = |position: Point3<f64>| match known {
+        Some((at, mask)) if at == position => mask,
+        _ => {
+            let is_seen = disks.faces(sample, &position) && !snapshot.free.clearance.occluded(&position, &end);
+            let mask = if is_seen { disks.exact_mask(sample, &position) } else { 0 };
+            known = Some((position, mask));
+            mask
+        }
     };
-    let sighting = |index: usize| Sighting {
-        image: index as u32,
-        mask: mask(index),
-        bearing: Bearing::new(&sample.position, &images[index].position_m),
+    let sighting = |index: usize| {
+        let (position, view) = (images[index].position_m, &views[index]);
+        let is_framed = view.as_ref().is_none_or(|view| view.frames(&sample.position));
+        let mask = if is_framed { mask(position) } else { 0 };
+        (mask != 0).then(|| Sighting { image: index as u32, mask, bearing: Bearing::new(&sample.position, &position) })
     };
-    near.into_iter().map(sighting).filter(|sighting| sighting.mask != 0).collect()
+    near.into_iter().filter_map(sighting).collect()
 }
 
 impl Sightings {

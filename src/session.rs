@@ -10,13 +10,14 @@ use nalgebra::Point3;
 use overfly_table::field::FieldFacts;
 
 use crate::coverage::{CELLS, DiskModel, threshold_cells};
-use crate::field::{self, Lattice, Outlines};
+use crate::field::{self, Lattice, Outlines, Site};
 use crate::scene::Scene;
+use crate::scene::differences::Differences;
 use crate::scene::edit::{DirtyRegion, Edit, EditError};
 use crate::scene::free_space::FreeSpace;
 use crate::settings::Settings;
 use crate::stop::StopToken;
-use crate::surface::{self, Sample, Sampler, Sampling};
+use crate::surface::{self, Sample, Sampler, Samples, Sampling};
 
 pub use crate::field::{FieldError, FieldStorage, Snapshot, Survey};
 
@@ -78,32 +79,70 @@ impl Session {
     /// Samples, viewpoints and clearance of the current revision: all that is needed to size the field's table.
     pub fn survey(&self, stop: &StopToken) -> Result<Survey, FieldError> {
         let free = FreeSpace::new(&self.scene, &self.settings.flight)?;
-        check(stop)?;
-        // The spacings are pinned, so an edit that enlarges the scene enlarges its field.
-        check_size(&self.scene, &free, &self.settings, &self.pins.lattice, self.sampler.estimate(&self.scene))?;
+        self.check_size(&free, stop)?;
         let samples = self.sampler.sample(&self.scene, stop).ok_or(FieldError::Stopped)?;
+        let sites = field::sites(&free, &self.pins.lattice, stop).ok_or(FieldError::Stopped)?;
+        let outlines = Outlines::new(&self.scene);
+        self.surveyed(free, samples, sites, outlines, None, stop)
+    }
+
+    /// The same, and a field that is the same bit for bit, from that of an earlier revision of this session: what the edits in between have not touched
+    /// is taken over.
+    pub fn survey_after(&self, earlier: &Snapshot, stop: &StopToken) -> Result<Survey, FieldError> {
+        let differences = Differences::between(&earlier.scene, &self.scene);
+        let free = FreeSpace::after(&earlier.free, &self.scene, &differences, &self.settings.flight)?;
+        if !free.has_rules_of(&earlier.free) {
+            // The highest or the outermost structure has changed, and with it where a flight may be at all.
+            return self.survey(stop);
+        }
+        self.check_size(&free, stop)?;
+        let footing = &earlier.footing;
+        let samples = self.sampler.sample_after(&self.scene, &differences, &footing.samples, stop).ok_or(FieldError::Stopped)?;
+        let boxes = differences.boxes();
+        let sites = field::sites_after(&free, &self.pins.lattice, &footing.sites, boxes, stop).ok_or(FieldError::Stopped)?;
+        let outlines = Outlines::after(&footing.outlines, &self.scene, &differences);
+        self.surveyed(free, samples, sites, outlines, Some((earlier.clone(), differences)), stop)
+    }
+
+    /// The spacings are pinned, so an edit that enlarges the scene enlarges its field.
+    fn check_size(&self, free: &FreeSpace, stop: &StopToken) -> Result<(), FieldError> {
+        check(stop)?;
+        check_size(&self.scene, free, &self.settings, &self.pins.lattice, self.sampler.estimate(&self.scene))
+    }
+
+    fn surveyed(
+        &self,
+        free: FreeSpace,
+        samples: Vec<Sample>,
+        sites: Vec<Site>,
+        outlines: Outlines,
+        earlier: Option<(Snapshot, Differences)>,
+        stop: &StopToken,
+    ) -> Result<Survey, FieldError> {
         if !samples.iter().any(|sample| sample.exposed) {
             return Err(FieldError::NoSurface { scene: self.scene.name.clone() });
         }
         check(stop)?;
-        let viewpoints = field::fill(&free, &self.pins.lattice, stop).ok_or(FieldError::Stopped)?;
-        if viewpoints.is_empty() {
+        let reached = field::outside(&free, &sites);
+        if reached.is_empty() {
             return Err(no_free_space(&self.scene, &free, &self.pins.lattice));
         }
-        check(stop)?;
-        let outlines = Outlines::new(&self.scene);
         check(stop)?;
         Ok(Survey {
             scene: Arc::clone(&self.scene),
             revision: self.revision,
-            counts: field::counts(&self.scene, &outlines, samples.len(), viewpoints.len()),
+            counts: field::counts(&self.scene, &outlines, samples.len(), reached.len()),
             outlines,
             facts: self.facts(),
             offset_m: self.sampler.sampling().offset_m,
             disks: Arc::clone(&self.disks),
             free: Arc::new(free),
-            samples,
-            viewpoints,
+            samples: Samples::new(samples, self.scene.structures.len()),
+            cells: reached.iter().map(|&index| sites[index].cell).collect(),
+            viewpoints: reached.iter().map(|&index| sites[index].viewpoint).collect(),
+            sites,
+            earlier,
+            unions: Vec::new(),
         })
     }
 

@@ -214,6 +214,8 @@ pub struct RefineSettings {
     /// By how much a change may make the flight worse, on average, in the first and in the last round, s.
     pub hottest_s: f64,
     pub coldest_s: f64,
+    /// The same in the first round where an earlier flight is gone on with, s.
+    pub resumed_s: f64,
     /// Cells by which a sample has to exceed the threshold while the flight is improved.
     pub margin_cells: u32,
     /// By which views have to keep within the parallax that can be matched, degrees.

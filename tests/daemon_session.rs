@@ -34,6 +34,10 @@ fn one_client_plans_and_edits_while_another_watches() {
     let replan = observer.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
     assert_eq!(replan.table().facts.revision, 2);
     assert_eq!(replan.asked_by(), (observer.id(), edited.correlation));
+    // What can still be flown comes first, and answers nobody.
+    let repaired = watch.next(PATIENCE).unwrap().expect("the flight of before is repaired");
+    assert_eq!((repaired.table().facts.revision, repaired.table().facts.stop, repaired.asked_by()), (2, 6, (0, 0)));
+    assert!(plan.epoch() < repaired.epoch() && repaired.epoch() < replan.epoch());
     let seen = watch.next(PATIENCE).unwrap().expect("the replan is published to everybody");
     assert_eq!(seen.epoch(), replan.epoch());
 

@@ -13,7 +13,7 @@ use overfly::trajectory::plan::{Plan, StopReason};
 use parry3d::math::Vector;
 use parry3d::query::PointQuery;
 use parry3d::shape::Triangle;
-use support::{crosses, options, real_scene, rig_options, session, snapshot};
+use support::{check_updates, crosses, options, real_scene, rig_options, session, snapshot};
 
 fn check_town(file: &str) {
     let Some(path) = real_scene(file) else { return };
@@ -34,6 +34,21 @@ fn check_town(file: &str) {
     assert!(plan.waypoints.len() > 5 && plan.images.len() > plan.waypoints.len());
     check_capture(&snapshot, &settings, &plan);
     check_distances(&snapshot, &settings, &plan);
+}
+
+fn check_updates_of(file: &str, edits: usize) {
+    let Some(path) = real_scene(file) else { return };
+    let settings = Settings::default();
+    let bytes = std::fs::read(&path).expect("the scene can be read");
+    let (scene, _) = overfly::scene::read(&path.to_string_lossy(), &bytes, &settings.proxy).expect("a real town can be imported");
+    let made = check_updates(scene, &settings, edits, 7);
+    assert!(made * 4 >= edits * 3, "{made} of {edits}");
+}
+
+#[test]
+fn fields_of_real_towns_follow_edits_bit_for_bit() {
+    check_updates_of("nihonbashi/buildings.geojson", 140);
+    check_updates_of("delfshaven/delfshaven.city.json", 120);
 }
 
 /// Recounts the cells of every hundredth sample image by image, with a ray against every triangle.

@@ -54,6 +54,8 @@ struct Show {
     raised: String,
     plan: (Plan, RunTimes),
     replan: (Plan, RunTimes),
+    /// Until what can still be flown was there, and until that was improved.
+    edit_to_first_plan_s: f64,
     edit_to_plan_s: f64,
     files: Vec<PathBuf>,
 }
@@ -72,15 +74,18 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), true, form);
 
     let raised = building_to_raise(client, &loaded.scene)?;
+    let watch = client.watch(&loaded.scene)?;
     let edit_started = Instant::now();
     let edited = client.edit(&loaded.scene, &EditOrder::Raise { structure: raised.clone(), by_m: RAISE_M })?;
+    watch.next(daemon::REPLAN)?;
+    let edit_to_first_plan_s = edit_started.elapsed().as_secs_f64();
     let message = client.await_replan(&edited, daemon::REPLAN, &mut |note| meter.note(note))?;
     let edit_to_plan_s = edit_started.elapsed().as_secs_f64();
     drop(meter);
     let (replan, replan_times) = daemon::plan_of(&message)?;
     let flight = daemon::flight(&replan, replan_times, Some(edit_to_plan_s), None);
     files.extend(daemon::write(client, folder, &FileNames::with_stem("replan"), &flight)?.0);
-    Ok(Show { loaded, raised, plan: (plan, times), replan: (replan, replan_times), edit_to_plan_s, files })
+    Ok(Show { loaded, raised, plan: (plan, times), replan: (replan, replan_times), edit_to_first_plan_s, edit_to_plan_s, files })
 }
 
 /// The structure of median height: raising it changes what its neighbours' walls can be seen from.
@@ -94,7 +99,8 @@ fn building_to_raise(client: &Client, scene: &str) -> Result<String, Failure> {
 fn side_by_side(show: &Show) -> Vec<Vec<String>> {
     let (plan, replan) = (&show.plan, &show.replan);
     let mut rows = vec![vec![String::new(), "plan".to_owned(), "replan".to_owned()]];
-    rows.push(vec!["edit to safe plan, s".to_owned(), "-".to_owned(), format!("{:.3}", show.edit_to_plan_s)]);
+    rows.push(vec!["edit to first safe plan, s".to_owned(), "-".to_owned(), format!("{:.3}", show.edit_to_first_plan_s)]);
+    rows.push(vec!["edit to improved plan, s".to_owned(), "-".to_owned(), format!("{:.3}", show.edit_to_plan_s)]);
     // The first plan's field was built when the scene was loaded.
     let plan_times = RunTimes { field_s: show.loaded.field_s, ..plan.1 };
     let (of_plan, of_replan) = (outputs::figures(&plan.0, &plan_times), outputs::figures(&replan.0, &replan.1));
@@ -115,6 +121,7 @@ fn to_json(show: &Show, files: &[PathBuf]) -> Value {
         "plan": one(&show.plan, None),
         "raised": show.raised,
         "raised_by_m": RAISE_M,
+        "edit_to_first_plan_s": show.edit_to_first_plan_s,
         "replan": one(&show.replan, Some(show.edit_to_plan_s)),
         "files": files.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
     })

@@ -10,7 +10,7 @@ use super::arguments::WatchArgs;
 use super::daemon;
 use super::failure::Failure;
 use super::outputs::{self, FileNames};
-use crate::trajectory::plan::Plan;
+use crate::trajectory::plan::{Plan, StopReason};
 
 /// How long to wait for a plan before asking whether the daemon is still there.
 const ASK_AGAIN: Duration = Duration::from_secs(5);
@@ -49,8 +49,9 @@ fn show(client: &Client, arguments: &WatchArgs, message: &PlanMessage, form: For
 
 fn line(plan: &Plan, total_s: f64) -> String {
     let metrics = &plan.metrics;
+    let follows = if plan.stop == StopReason::Repaired { "; repaired after an edit, a better one follows" } else { "" };
     format!(
-        "revision {}: {:.1} % of capturable, {:.0} m, {} waypoints, flight {:.0} s; planned in {total_s:.3} s",
+        "revision {}: {:.1} % of capturable, {:.0} m, {} waypoints, flight {:.0} s; planned in {total_s:.3} s{follows}",
         plan.scene.revision,
         metrics.coverage_percent,
         metrics.length_m,

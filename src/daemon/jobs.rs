@@ -21,7 +21,7 @@ use crate::planner::{self, PlanError, PlanOptions, Progress, StopToken};
 use crate::scene::Scene;
 use crate::session::{FieldError, Session, Snapshot, Survey};
 use crate::settings::Settings;
-use crate::trajectory::plan::RunTimes;
+use crate::trajectory::plan::{Plan, RunTimes};
 
 /// Shortest time between two progress notes.
 const NOTE_GAP: Duration = Duration::from_millis(25);
@@ -37,14 +37,22 @@ pub struct News {
     pub kind: NewsKind,
 }
 
-/// The last news of a job is everything but progress.
+/// The last news of a job is everything but progress and a repaired plan.
 #[derive(Debug)]
 pub enum NewsKind {
     Progress(ProgressNote),
     Read(Box<SceneFile>),
     Built(Box<BuiltField>),
+    /// A plan that comes before the one that the job is for: not the last news.
+    Repaired(PlannedFlight),
     Planned(PlannedFlight),
     Failed(Failure),
+}
+
+impl NewsKind {
+    pub fn is_last(&self) -> bool {
+        !matches!(self, Self::Progress(_) | Self::Repaired(_))
+    }
 }
 
 /// Why a job has no result.
@@ -96,12 +104,11 @@ pub enum FileSource {
 }
 
 /// What a field is built of.
-#[derive(Debug)]
 pub enum FieldSource {
     /// A scene that was just read: its field settings are pinned now.
     Scene(Box<Scene>, Arc<Settings>),
-    /// A session whose scene was edited.
-    Session(Box<Session>),
+    /// A session whose scene was edited, with the field before.
+    Edited { session: Box<Session>, earlier: Snapshot },
 }
 
 /// A search.
@@ -144,11 +151,17 @@ impl Workshop {
         let started = Instant::now();
         let stop = &assignment.stop;
         self.note(assignment, Stage::Survey);
-        let session = match source {
-            FieldSource::Scene(scene, settings) => Session::new(*scene, settings, stop)?,
-            FieldSource::Session(session) => *session,
+        let (session, mut survey) = match source {
+            FieldSource::Scene(scene, settings) => {
+                let session = Session::new(*scene, settings, stop)?;
+                let survey = session.survey(stop)?;
+                (session, survey)
+            }
+            FieldSource::Edited { session, earlier } => {
+                let survey = session.survey_after(&earlier, stop)?;
+                (*session, survey)
+            }
         };
-        let survey = session.survey(stop)?;
         let count = survey.blocks();
         let reservation = self.budget.reserve((count * Block::BYTES) as u64)?;
         self.note(assignment, Stage::Field);
@@ -170,8 +183,13 @@ impl Workshop {
                 self.post(assignment, NewsKind::Progress(note(assignment, progress)));
             }
         };
+        let mut on_repaired = |plan: Plan| {
+            let table = plan_table::to_blocks(&plan, &times(assignment, flight, started, started));
+            self.post(assignment, NewsKind::Repaired(PlannedFlight { table, remark: None }));
+        };
         let mut search = |options: &PlanOptions| {
-            planner::plan(&flight.snapshot, &flight.settings, options, &assignment.stop, &mut on_progress)
+            let stop = &assignment.stop;
+            planner::replan(&flight.snapshot, &flight.settings, options, stop, &mut on_progress, &mut on_repaired)
         };
         let (plan, remark) = match (search(&flight.options), flight.cause) {
             // The start is that of an earlier order, and nobody asked for it in the scene as it is now.
@@ -181,14 +199,8 @@ impl Workshop {
             }
             (plan, _) => (plan?, short_sight(flight)),
         };
-        let times = RunTimes {
-            field_s: flight.field_s,
-            search_s: (searched - started).as_secs_f64(),
-            check_s: searched.elapsed().as_secs_f64(),
-            total_s: assignment.taken_up.elapsed().as_secs_f64(),
-            threads: u32::try_from(rayon::current_num_threads()).unwrap_or(u32::MAX),
-        };
-        Ok(PlannedFlight { table: plan_table::to_blocks(&plan, &times), remark })
+        let table = plan_table::to_blocks(&plan, &times(assignment, flight, started, searched));
+        Ok(PlannedFlight { table, remark })
     }
 
     /// Runs `work` on a thread of its own, as soon as there is one. A panic in it is a defect that costs the request, not the daemon.
@@ -219,6 +231,17 @@ impl Workshop {
 
     fn post(&self, assignment: &Assignment, kind: NewsKind) {
         self.mail.post(News { job: assignment.job, kind });
+    }
+}
+
+/// What a plan took whose search ended at `searched`.
+fn times(assignment: &Assignment, flight: &Flight, started: Instant, searched: Instant) -> RunTimes {
+    RunTimes {
+        field_s: flight.field_s,
+        search_s: (searched - started).as_secs_f64(),
+        check_s: searched.elapsed().as_secs_f64(),
+        total_s: assignment.taken_up.elapsed().as_secs_f64(),
+        threads: u32::try_from(rayon::current_num_threads()).unwrap_or(u32::MAX),
     }
 }
 

@@ -17,7 +17,7 @@ use super::state::{Daemon, Reading, stopping, tell};
 impl Daemon {
     /// Reacts to the news of one job. News of a job that something newer has replaced are dropped, and their memory with them.
     pub fn on_news(&mut self, ports: &Ports, news: News) {
-        if !matches!(news.kind, NewsKind::Progress(_)) {
+        if news.kind.is_last() {
             self.running -= 1;
             self.changed = true;
         }
@@ -26,9 +26,10 @@ impl Daemon {
             return;
         }
         let Some(scene) = self.owners.get(&news.job).cloned() else { return };
-        if let NewsKind::Progress(_) = news.kind {
-            self.on_progress(ports, &scene, &news);
-            return;
+        match news.kind {
+            NewsKind::Progress(_) => return self.on_progress(ports, &scene, &news),
+            NewsKind::Repaired(flight) => return self.on_repaired(ports, &scene, flight),
+            _ => {}
         }
         self.owners.remove(&news.job);
         let Some(task) = self.scenes.get_mut(&scene).and_then(|slot| slot.take_task(news.job)) else { return };
@@ -36,7 +37,7 @@ impl Daemon {
             (NewsKind::Built(built), task) => self.on_built(ports, &scene, *built, task),
             (NewsKind::Planned(flight), Task::Search(search)) => self.on_planned(ports, &scene, flight, *search),
             (NewsKind::Failed(failure), task) => self.on_failed(ports, &scene, failure, task),
-            (NewsKind::Progress(_) | NewsKind::Read(_) | NewsKind::Planned(_), _) => {}
+            (NewsKind::Progress(_) | NewsKind::Repaired(_) | NewsKind::Read(_) | NewsKind::Planned(_), _) => {}
         }
         self.advance(ports, &scene);
     }
@@ -55,7 +56,7 @@ impl Daemon {
                 }
             }
             NewsKind::Failed(failure) => self.on_unread(ports, news.job, failure),
-            NewsKind::Built(_) | NewsKind::Planned(_) => {}
+            NewsKind::Built(_) | NewsKind::Repaired(_) | NewsKind::Planned(_) => {}
         }
     }
 
@@ -220,6 +221,20 @@ impl Daemon {
             Ok(()) => self.answer(ports, ticket, &Reply::Planned { epoch }, false),
             Err(error) => self.refuse(ports, ticket, Refusal::new(RefusalCode::Memory, error.to_string())),
         }
+    }
+
+    /// Publishes what can still be flown after an edit. It answers nobody: the plan that was asked for comes later.
+    fn on_repaired(&mut self, ports: &Ports, scene: &str, flight: PlannedFlight) {
+        let epoch = self.next_epoch();
+        let header = Header { instance: self.instance, epoch, ..Header::new(Kind::Plan) };
+        log_plan(scene, epoch, &flight.table);
+        if let Err(error) = ports.publish_plan(header, &flight.table) {
+            tracing::warn!(scene, %error, "a repaired plan was not published");
+        }
+        if let Some(slot) = self.scenes.get_mut(scene) {
+            slot.last_plan = Some(LastPlan { header, table: flight.table });
+        }
+        self.changed = true;
     }
 
     fn on_failed(&mut self, ports: &Ports, scene: &str, failure: Failure, task: Task) {

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use nalgebra::Unit;
+use overfly_table::plan::WaypointRow;
 use overfly_table::{Block, FieldTable, PlanTable};
 use overfly_wire::{Header, PlanOrder, PlanSummary, SceneState, SceneStatus, StructureInfo};
 
@@ -10,6 +12,7 @@ use super::edits::{Batch, Edits};
 use super::field_channel::FieldChannel;
 use super::jobs::{Assignment, JobId};
 use super::ledger::Ticket;
+use crate::camera::Pose;
 use crate::session::{Session, Snapshot};
 
 /// One scene: what is published of it, what is being made, and what comes after that. What is being made changes nothing of what
@@ -232,6 +235,13 @@ impl FieldFigures {
 }
 
 impl LastPlan {
+    /// The waypoints that the next flight goes on with.
+    pub fn waypoints(&self) -> Option<Vec<Pose>> {
+        let table = PlanTable::open(&self.table).ok()?;
+        let direction = |row: &WaypointRow| (row.has_direction != 0).then(|| Unit::try_new(row.direction.into(), 1e-6)).flatten();
+        Some(table.waypoints.iter().map(|row| Pose { position: row.position_m.into(), direction: direction(row) }).collect())
+    }
+
     /// Its figures in a scene that has this revision now.
     fn summary(&self, scene_revision: u64) -> Option<PlanSummary> {
         let facts = *PlanTable::open(&self.table).ok()?.facts;

@@ -17,7 +17,7 @@ use super::edits::Batch;
 use super::jobs::{Assignment, FieldSource, Flight, JobId, News, Workshop};
 use super::ledger::{Ledger, Ticket};
 use super::ports::Ports;
-use super::scenes::{Cause, Queued, Search, Slot};
+use super::scenes::{Cause, LastPlan, Queued, Search, Slot};
 use super::wake::Mail;
 use crate::daemon::convert;
 use crate::planner::StopToken;
@@ -255,9 +255,11 @@ impl Daemon {
         let is_ending = self.is_ending();
         let Some(slot) = self.scenes.get_mut(scene) else { return };
         if slot.edits.building.is_none() && !is_ending {
+            let earlier = slot.current.as_ref().map(|current| current.snapshot.clone());
             let edits = slot.edits.next_batch();
-            if let Some((first, last)) = edits.first().zip(edits.last()) {
-                let (source, taken_up) = (FieldSource::Session(Box::new(last.session.clone())), first.taken_up);
+            if let Some(((first, last), earlier)) = edits.first().zip(edits.last()).zip(earlier) {
+                let (source, taken_up) =
+                    (FieldSource::Edited { session: Box::new(last.session.clone()), earlier }, first.taken_up);
                 let assignment = self.start_build(scene, source, taken_up);
                 if let Some(slot) = self.scenes.get_mut(scene) {
                     slot.edits.building = Some(Batch { assignment, edits });
@@ -279,10 +281,14 @@ impl Daemon {
         let assignment = self.assign(queued.taken_up);
         let Some(slot) = self.scenes.get_mut(scene) else { return };
         let Some(current) = &slot.current else { return };
+        let mut options = convert::plan_options(&queued.order).expect("orders are checked before they are queued");
+        if queued.cause == Cause::Edit {
+            options.earlier = slot.last_plan.as_ref().and_then(LastPlan::waypoints);
+        }
         let flight = Flight {
             snapshot: current.snapshot.clone(),
             settings: current.session.settings().clone(),
-            options: convert::plan_options(&queued.order).expect("orders are checked before they are queued"),
+            options,
             cause: queued.cause,
             field_s: queued.field_s,
         };

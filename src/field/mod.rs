@@ -7,9 +7,10 @@
 mod build;
 mod lookup;
 mod survey;
+mod update;
 mod viewpoints;
 
 pub use build::{Outlines, counts};
 pub use lookup::Lookup;
 pub use survey::{FieldError, FieldStorage, Snapshot, Survey};
-pub use viewpoints::{Lattice, Viewpoint, cells, choose_spacing_m, fill};
+pub use viewpoints::{Cell, Lattice, Site, Viewpoint, cells, choose_spacing_m, fill, outside, sites, sites_after};

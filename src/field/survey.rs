@@ -1,18 +1,21 @@
 //! A field before and after it is built: what is surveyed first, and the immutable snapshot at the end.
 
+use std::fmt;
 use std::sync::Arc;
 
 use overfly_table::field::{FieldCounts, FieldFacts};
 use overfly_table::{Block, FieldTable, LayoutError};
 
-use super::build::{FieldInputs, Outlines, build};
+use super::build::{FieldInputs, Outlines, build_visibility, fill_table};
 use super::lookup::Lookup;
-use super::viewpoints::Viewpoint;
-use crate::coverage::DiskModel;
+use super::update::{Earlier, update_visibility};
+use super::viewpoints::{Cell, Site, Viewpoint};
+use crate::coverage::{DiskModel, Mask};
 use crate::scene::Scene;
+use crate::scene::differences::Differences;
 use crate::scene::free_space::{FreeSpace, ZoneError};
 use crate::stop::StopToken;
-use crate::surface::Sample;
+use crate::surface::Samples;
 
 /// Why no field can be built of a scene.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -37,7 +40,6 @@ pub enum FieldError {
 }
 
 /// Everything about a field but its visibility.
-#[derive(Debug)]
 pub struct Survey {
     pub(crate) scene: Arc<Scene>,
     pub(crate) revision: u64,
@@ -46,9 +48,31 @@ pub struct Survey {
     pub(crate) free: Arc<FreeSpace>,
     pub(crate) disks: Arc<DiskModel>,
     pub(crate) outlines: Outlines,
-    pub(crate) samples: Vec<Sample>,
+    pub(crate) samples: Samples,
+    pub(crate) sites: Vec<Site>,
+    /// Of the sites those that can be reached.
+    pub(crate) cells: Vec<Cell>,
     pub(crate) viewpoints: Vec<Viewpoint>,
     pub(crate) offset_m: f64,
+    /// The field that this one follows from, and how their scenes differ.
+    pub(crate) earlier: Option<(Snapshot, Differences)>,
+    /// What all viewpoints together cover of each sample, once it is built.
+    pub(crate) unions: Vec<Mask>,
+}
+
+impl fmt::Debug for Survey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Survey of revision {} ({:?})", self.revision, self.counts)
+    }
+}
+
+/// What a field was built of, for the one that follows after an edit.
+pub struct Footing {
+    pub(crate) outlines: Outlines,
+    pub(crate) samples: Samples,
+    pub(crate) sites: Vec<Site>,
+    cells: Vec<Cell>,
+    unions: Vec<Mask>,
 }
 
 impl Survey {
@@ -61,9 +85,9 @@ impl Survey {
         &self.counts
     }
 
-    /// Builds the field in place (Algorithm 1), in parallel over viewpoints. `blocks` is exactly [`Survey::blocks`] long; what it
-    /// held is overwritten. When stopped the blocks hold nothing of use.
-    pub fn build(&self, blocks: &mut [Block], stop: &StopToken) -> Result<(), FieldError> {
+    /// Builds the field in place (Algorithm 1), in parallel over viewpoints; where there is an earlier one, only what differs from it. `blocks` is
+    /// exactly [`Survey::blocks`] long; what it held is overwritten. When stopped the blocks hold nothing of use.
+    pub fn build(&mut self, blocks: &mut [Block], stop: &StopToken) -> Result<(), FieldError> {
         let inputs = FieldInputs {
             scene: &self.scene,
             outlines: &self.outlines,
@@ -74,26 +98,44 @@ impl Survey {
             facts: self.facts,
             offset_m: self.offset_m,
         };
-        build(&inputs, &self.counts, blocks, stop).ok_or(FieldError::Stopped)
+        let visibility = |rows: &mut [u64], words_per_row: usize| match &self.earlier {
+            None => build_visibility(&inputs, rows, words_per_row, stop),
+            Some((snapshot, differences)) => {
+                let Footing { samples, cells, unions, .. } = &*snapshot.footing;
+                let earlier = Earlier { field: snapshot.field(), cells, samples, unions };
+                update_visibility(&inputs, &self.cells, differences, &earlier, rows, words_per_row, stop)
+            }
+        };
+        self.unions = fill_table(&inputs, &self.counts, blocks, visibility).ok_or(FieldError::Stopped)?;
+        Ok(())
     }
 
     /// The snapshot over a table that [`Survey::build`] has filled.
     pub fn snapshot(self, field: Arc<dyn FieldStorage>) -> Result<Snapshot, FieldError> {
         let table = FieldTable::open(field.blocks())?;
-        let lookup = Lookup::new(table.viewpoints).ok_or_else(|| FieldError::NoSurface { scene: self.scene.name.clone() })?;
+        let same = self.earlier.as_ref().filter(|(earlier, _)| earlier.footing.cells == self.cells);
+        let lookup = match same {
+            Some((earlier, _)) => Arc::clone(&earlier.lookup),
+            None => {
+                let lookup = Lookup::new(table.viewpoints);
+                Arc::new(lookup.ok_or_else(|| FieldError::NoSurface { scene: self.scene.name.clone() })?)
+            }
+        };
+        let Self { outlines, samples, sites, cells, unions, .. } = self;
         Ok(Snapshot {
             scene: self.scene,
             revision: self.revision,
             free: self.free,
             disks: self.disks,
-            lookup: Arc::new(lookup),
+            lookup,
             offset_m: self.offset_m,
+            footing: Arc::new(Footing { outlines, samples, sites, cells, unions }),
             field,
         })
     }
 
     /// Builds the field in memory of its own.
-    pub fn into_snapshot(self, stop: &StopToken) -> Result<Snapshot, FieldError> {
+    pub fn into_snapshot(mut self, stop: &StopToken) -> Result<Snapshot, FieldError> {
         let mut blocks = vec![Block::ZERO; self.blocks()];
         self.build(&mut blocks, stop)?;
         self.snapshot(Arc::new(blocks))
@@ -121,6 +163,7 @@ pub struct Snapshot {
     pub lookup: Arc<Lookup>,
     /// How far in front of a sample a line of sight ends, m.
     pub offset_m: f64,
+    pub(crate) footing: Arc<Footing>,
     field: Arc<dyn FieldStorage>,
 }
 

@@ -3,11 +3,12 @@
 //! A cell's viewpoint depends on the cell and on the geometry near it alone, so that an edit moves only viewpoints near by. Under roofs
 //! it depends on the way out as well.
 
-use std::collections::HashMap;
+use std::collections::BTreeSet;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::scene::Bounds;
 use crate::scene::free_space::FreeSpace;
 use crate::stop::StopToken;
 use crate::surface::unit_hash;
@@ -46,37 +47,109 @@ pub fn cells(free: &FreeSpace, lattice: &Lattice) -> f64 {
 
 /// All viewpoints of the lattice that can be reached from the open sky, in the order of their cells; `None` when stopped.
 pub fn fill(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Vec<Viewpoint>> {
-    let cell = |p: &Point3<f64>| ((p - lattice.origin) / lattice.spacing_m).map(|v| v.floor() as i64);
-    let (low, high) = (cell(&free.limits.min), cell(&free.limits.max));
-    if (0..3).any(|i| high[i] < low[i]) {
-        return Some(Vec::new());
-    }
-    let columns: Vec<(i64, i64)> = (low.x..=high.x).flat_map(|x| (low.y..=high.y).map(move |y| (x, y))).collect();
-    let column = |&(x, y): &(i64, i64)| -> Option<Vec<(Cell, Viewpoint)>> {
-        let cells = (low.z..=high.z).map(|z| [x, y, z]);
-        (!stop.is_stopped()).then(|| cells.filter_map(|cell| Some((cell, viewpoint(free, lattice, cell)?))).collect())
-    };
-    let filled: Option<Vec<Vec<(Cell, Viewpoint)>>> = columns.par_iter().map(column).collect();
-    Some(outside(free, filled?.concat()))
+    let sites = sites(free, lattice, stop)?;
+    Some(outside(free, &sites).into_iter().map(|index| sites[index].viewpoint).collect())
 }
 
 /// Indices of a cell of the lattice.
-type Cell = [i64; 3];
+pub type Cell = [i64; 3];
 
-/// Only the viewpoints that can be reached from the open sky: a hall is free space too, but no drone gets in.
+/// A cell with a viewpoint, whether or not that can be reached from the open sky.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Site {
+    pub cell: Cell,
+    pub viewpoint: Viewpoint,
+    /// Nothing stands above it.
+    is_open: bool,
+}
+
+/// All cells with a viewpoint, in their order; `None` when stopped.
+pub fn sites(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Vec<Site>> {
+    let (low, high) = lattice.corners(free);
+    if (0..3).any(|i| high[i] < low[i]) {
+        return Some(Vec::new());
+    }
+    let columns: Vec<(i64, i64)> = (low[0]..=high[0]).flat_map(|x| (low[1]..=high[1]).map(move |y| (x, y))).collect();
+    let column = |&(x, y): &(i64, i64)| -> Option<Vec<Site>> {
+        let cells = (low[2]..=high[2]).map(|z| [x, y, z]);
+        (!stop.is_stopped()).then(|| cells.filter_map(|cell| site(free, lattice, cell)).collect())
+    };
+    let filled: Option<Vec<Vec<Site>>> = columns.par_iter().map(column).collect();
+    Some(filled?.concat())
+}
+
+/// The same of a scene that differs from an earlier one, whose sites are `before`, only in `changed` boxes.
+pub fn sites_after<'b>(
+    free: &FreeSpace,
+    lattice: &Lattice,
+    before: &[Site],
+    changed: impl Iterator<Item = &'b Bounds>,
+    stop: &StopToken,
+) -> Option<Vec<Site>> {
+    let (low, high) = lattice.corners(free);
+    // Clearances are cut off at the outer edge of the shell: what is farther away changes nothing.
+    let near: Vec<Bounds> = changed.map(|bounds| bounds.grown(SLACK_M)).collect();
+    let mut columns = BTreeSet::new();
+    for bounds in &near {
+        let shell = bounds.grown(lattice.shell_m);
+        let (from, to) = (lattice.cell(&shell.min), lattice.cell(&shell.max));
+        for x in from[0].max(low[0])..=to[0].min(high[0]) {
+            columns.extend((from[1].max(low[1])..=to[1].min(high[1])).map(|y| [x, y]));
+        }
+    }
+    let columns: Vec<[i64; 2]> = columns.into_iter().collect();
+    let of_column = |column: &[i64; 2]| {
+        let first = before.partition_point(|site| site.cell[..2] < column[..]);
+        let count = before[first..].iter().take_while(|site| site.cell[..2] == column[..]).count();
+        first..first + count
+    };
+    let renewed = |column: &[i64; 2]| -> Option<Vec<Site>> {
+        let mut old = before[of_column(column)].iter().peekable();
+        let cells = (low[2]..=high[2]).map(|z| [column[0], column[1], z]);
+        let renew = |cell: Cell| {
+            let old = old.next_if(|site| site.cell == cell);
+            let position = position(lattice, cell);
+            if near.iter().any(|bounds| bounds.distance_squared(&position) <= lattice.shell_m * lattice.shell_m) {
+                return site(free, lattice, cell);
+            }
+            let is_under = |bounds: &Bounds| {
+                (0..2).all(|axis| (bounds.min[axis]..=bounds.max[axis]).contains(&position[axis])) && bounds.max.z >= position.z
+            };
+            let is_open = |site: &Site| if near.iter().any(is_under) { free.sees_the_sky(&position) } else { site.is_open };
+            old.map(|site| Site { is_open: is_open(site), ..*site })
+        };
+        (!stop.is_stopped()).then(|| cells.filter_map(renew).collect())
+    };
+    let fresh: Vec<Vec<Site>> = columns.par_iter().map(renewed).collect::<Option<_>>()?;
+    let mut sites = Vec::with_capacity(before.len() + fresh.len());
+    let mut kept = 0;
+    for (column, fresh) in columns.iter().zip(fresh) {
+        let old = of_column(column);
+        sites.extend_from_slice(&before[kept..old.start]);
+        sites.extend(fresh);
+        kept = old.end;
+    }
+    sites.extend_from_slice(&before[kept..]);
+    Some(sites)
+}
+
+/// Changed boxes are taken for so much larger, m, that rounding decides nothing.
+const SLACK_M: f64 = 1e-3;
+
+/// Only the viewpoints that can be reached from the open sky, by their places among the sites: a hall is free space too, but no drone gets in.
 ///
 /// A viewpoint with nothing above it is outside. Another one is, when a chain of safe legs between neighbouring cells leads to
 /// one that is; these are few, under bridges and overhangs.
-fn outside(free: &FreeSpace, filled: Vec<(Cell, Viewpoint)>) -> Vec<Viewpoint> {
-    let mut is_outside: Vec<bool> = filled.par_iter().map(|(_, viewpoint)| free.sees_the_sky(&viewpoint.position)).collect();
-    let places: HashMap<Cell, usize> = filled.iter().enumerate().map(|(index, (cell, _))| (*cell, index)).collect();
+pub fn outside(free: &FreeSpace, sites: &[Site]) -> Vec<usize> {
+    let mut is_outside: Vec<bool> = sites.iter().map(|site| site.is_open).collect();
     let neighbours = |index: usize| {
-        let [x, y, z] = filled[index].0;
+        let [x, y, z] = sites[index].cell;
         let offsets = (0..27).map(|k| [k / 9 - 1, k / 3 % 3 - 1, k % 3 - 1]);
-        offsets.filter_map(|[i, j, k]| places.get(&[x + i, y + j, z + k]).copied()).collect::<Vec<_>>()
+        let place = |cell: Cell| sites.binary_search_by_key(&cell, |site| site.cell).ok();
+        offsets.filter_map(|[i, j, k]| place([x + i, y + j, z + k])).collect::<Vec<_>>()
     };
-    let joins = |a: usize, b: usize| free.is_leg_safe(&filled[a].1.position, &filled[b].1.position);
-    let covered: Vec<usize> = (0..filled.len()).filter(|&index| !is_outside[index]).collect();
+    let joins = |a: usize, b: usize| free.is_leg_safe(&sites[a].viewpoint.position, &sites[b].viewpoint.position);
+    let covered: Vec<usize> = (0..sites.len()).filter(|&index| !is_outside[index]).collect();
     let mut queue: Vec<usize> =
         covered.iter().copied().filter(|&u| neighbours(u).iter().any(|&v| is_outside[v] && joins(u, v))).collect();
     while let Some(u) = queue.pop() {
@@ -85,8 +158,23 @@ fn outside(free: &FreeSpace, filled: Vec<(Cell, Viewpoint)>) -> Vec<Viewpoint> {
         }
         queue.extend(neighbours(u).into_iter().filter(|&v| !is_outside[v] && joins(u, v)));
     }
-    let kept = filled.into_iter().zip(is_outside).filter(|(_, is_outside)| *is_outside);
-    kept.map(|((_, viewpoint), _)| viewpoint).collect()
+    (0..sites.len()).filter(|&index| is_outside[index]).collect()
+}
+
+impl Lattice {
+    fn cell(&self, p: &Point3<f64>) -> Cell {
+        ((p - self.origin) / self.spacing_m).map(|v| v.floor() as i64).into()
+    }
+
+    /// The first and the last cell within the limits.
+    fn corners(&self, free: &FreeSpace) -> (Cell, Cell) {
+        (self.cell(&free.limits.min), self.cell(&free.limits.max))
+    }
+}
+
+fn site(free: &FreeSpace, lattice: &Lattice, cell: Cell) -> Option<Site> {
+    let viewpoint = viewpoint(free, lattice, cell)?;
+    Some(Site { cell, viewpoint, is_open: free.sees_the_sky(&viewpoint.position) })
 }
 
 fn viewpoint(free: &FreeSpace, lattice: &Lattice, cell: Cell) -> Option<Viewpoint> {

@@ -307,6 +307,7 @@ fn stop_code(stop: StopReason) -> u64 {
         StopReason::MemoryUsed => 3,
         StopReason::SpaceExhausted => 4,
         StopReason::Complete => 5,
+        StopReason::Repaired => 6,
     }
 }
 
@@ -318,6 +319,7 @@ fn stop_reason(code: u64) -> Result<StopReason, PlanTableError> {
         3 => Ok(StopReason::MemoryUsed),
         4 => Ok(StopReason::SpaceExhausted),
         5 => Ok(StopReason::Complete),
+        6 => Ok(StopReason::Repaired),
         code => Err(PlanTableError::Code { what: "stop reason", code }),
     }
 }
@@ -419,7 +421,7 @@ mod tests {
             convergence in prop::collection::vec(prop::array::uniform4(number()), 0..20),
             stop in prop::sample::select(vec![
                 StopReason::GoalReached, StopReason::IterationsUsed, StopReason::Cancelled, StopReason::MemoryUsed, StopReason::SpaceExhausted,
-                StopReason::Complete,
+                StopReason::Complete, StopReason::Repaired,
             ]),
         ) -> Plan {
             let [scene, rig, method, one, two] = names;

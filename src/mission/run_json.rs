@@ -87,6 +87,7 @@ pub fn stop_name(stop: StopReason) -> &'static str {
         StopReason::SpaceExhausted => "space_exhausted",
         StopReason::Cancelled => "cancelled",
         StopReason::Complete => "complete",
+        StopReason::Repaired => "repaired",
     }
 }
 

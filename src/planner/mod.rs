@@ -2,6 +2,7 @@
 
 mod options;
 mod overlap;
+mod resume;
 
 use nalgebra::{Point3, Unit, Vector3};
 use rayon::prelude::*;
@@ -11,6 +12,7 @@ use crate::camera::{Pose, Rig, Targets};
 use crate::coverage::Information;
 use crate::field::Snapshot;
 use crate::refine::{self, Aim, Budget, Confirmed, Counting, Ground, Task, Worth};
+use crate::search::leg::headed;
 use crate::search::objective::PathSums;
 use crate::search::{Outcome, Problem, Wanted, search};
 use crate::settings::Settings;
@@ -46,6 +48,19 @@ pub fn plan(
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Plan, PlanError> {
+    replan(snapshot, settings, options, stop, on_progress, &mut |_| {})
+}
+
+/// The same after an edit: where it goes on with an earlier flight (`options.earlier`), what can still be flown of that is handed out as a plan
+/// before anything is searched.
+pub fn replan(
+    snapshot: &Snapshot,
+    settings: &Settings,
+    options: &PlanOptions,
+    stop: &StopToken,
+    on_progress: &mut dyn FnMut(&Progress),
+    on_repaired: &mut dyn FnMut(Plan),
+) -> Result<Plan, PlanError> {
     options.check()?;
     let settings = &with_goal(settings, options.goal_percent);
     let rig = &flown_rig(options, settings);
@@ -57,53 +72,120 @@ pub fn plan(
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
     }
     let matched_goal_percent = matched_goal_percent(settings, options);
-    let matched = problem.enough_matched(matched_goal_percent);
-    let Found { route, convergence, stop: reason } = match options.method {
-        Method::Refined => refined(snapshot, settings, &problem, options, matched, stop, on_progress)?,
+    let order = Order { snapshot, settings, options, problem: &problem, matched_goal_percent, stop };
+    let resumed = order.resumed();
+    if let Some(path) = &resumed {
+        let repaired = Outcome { path: path.clone(), convergence: Vec::new(), stop: StopReason::Repaired };
+        match order.finished(Found::of(repaired, &problem)) {
+            Ok(plan) => on_repaired(plan),
+            Err(PlanError::Abandoned) => return Err(PlanError::Abandoned),
+            // It may still be improved to a plan.
+            Err(_) => {}
+        }
+    }
+    let found = match options.method {
+        Method::Refined => refined(&order, resumed, on_progress)?,
         Method::Paper => {
             let iterations = options.iterations.unwrap_or(settings.search.iterations);
-            Found::of(tree_search(snapshot, settings, &problem, options, iterations, stop, on_progress)?, &problem)
+            Found::of(order.tree_search(iterations, on_progress)?, &problem)
         }
         Method::Oblique => baseline::oblique::fly(&problem, &settings.baseline, stop, on_progress)?,
         Method::Smith => baseline::smith::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
         Method::Zhou => baseline::zhou::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
     };
+    order.finished(found)
+}
 
-    let limits = Limits::new(rig, &settings.flight, &settings.dynamics);
-    let deviations_m = safety::deviations_m(&route.waypoints, &limits, &snapshot.free);
-    let profile = Profile::rounded(&route.waypoints, &limits, &deviations_m);
-    let Exposed { mut images, delayed, dropped } = images::expose(&route, rig, &profile);
-    let sightings = evaluate::sightings(snapshot, &problem.disks, &images, stop).ok_or(PlanError::Abandoned)?;
-    let capture = sightings.capture(&problem, |_| true);
-    // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
-    let at_start = sightings.capture(&problem, |image| image < rig.camera_count() as u32);
-    let selected = select::select(&problem, &sightings, images.len(), matched);
-    images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
-    let clearance_m = safety::check(profile.curve(), &snapshot.free)?;
-    safety::check_views(rig, &images)?;
-    let blur_px = images::blur_px(&images, rig, &profile, &snapshot.free.clearance);
-    let figures = metrics(&problem, settings, &route, &profile, &capture, &at_start);
-    let waypoint =
-        |(pose, &deviation_m): (&Pose, &f64)| Waypoint { position_m: pose.position, direction: pose.direction, deviation_m };
+/// What a flight is planned by.
+struct Order<'o> {
+    snapshot: &'o Snapshot,
+    settings: &'o Settings,
+    options: &'o PlanOptions,
+    problem: &'o Problem<'o>,
+    matched_goal_percent: f64,
+    stop: &'o StopToken,
+}
 
-    Ok(Plan {
-        scene: SceneStamp { name: snapshot.scene.name.clone(), origin: snapshot.scene.frame.origin, revision: snapshot.revision },
-        seed: options.seed,
-        rig: rig.name.clone(),
-        method: options.method.name().to_owned(),
-        cameras: Camera::all_of(rig),
-        metrics: Metrics { delayed_exposures: delayed, dropped_exposures: dropped, blur_px, ..figures },
-        limits: Some(limits),
-        waypoints: route.waypoints.iter().zip(&deviations_m).map(waypoint).collect(),
-        images,
-        cells: capture.cells,
-        ceilings: problem.ceilings,
-        goal_percent: settings.coverage.goal_percent,
-        matched_goal_percent,
-        clearance_m,
-        convergence,
-        stop: reason,
-    })
+impl Order<'_> {
+    /// The plan of a flight that was found: its curve, its images and what they capture, checked for safety.
+    fn finished(&self, Found { route, convergence, stop: reason }: Found) -> Result<Plan, PlanError> {
+        let Self { snapshot, settings, options, problem, matched_goal_percent, stop } = *self;
+        let rig = &problem.rig;
+        let limits = Limits::new(rig, &settings.flight, &settings.dynamics);
+        let deviations_m = safety::deviations_m(&route.waypoints, &limits, &snapshot.free);
+        let profile = Profile::rounded(&route.waypoints, &limits, &deviations_m);
+        let Exposed { mut images, delayed, dropped } = images::expose(&route, rig, &profile);
+        let sightings = evaluate::sightings(snapshot, &problem.disks, &images, stop).ok_or(PlanError::Abandoned)?;
+        let capture = sightings.capture(problem, |_| true);
+        // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
+        let at_start = sightings.capture(problem, |image| image < rig.camera_count() as u32);
+        let selected = select::select(problem, &sightings, images.len(), problem.enough_matched(matched_goal_percent));
+        images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
+        let clearance_m = safety::check(profile.curve(), &snapshot.free)?;
+        safety::check_views(rig, &images)?;
+        let blur_px = images::blur_px(&images, rig, &profile, &snapshot.free.clearance);
+        let figures = metrics(problem, settings, &route, &profile, &capture, &at_start);
+        let waypoint =
+            |(pose, &deviation_m): (&Pose, &f64)| Waypoint { position_m: pose.position, direction: pose.direction, deviation_m };
+
+        Ok(Plan {
+            scene: SceneStamp {
+                name: snapshot.scene.name.clone(),
+                origin: snapshot.scene.frame.origin,
+                revision: snapshot.revision,
+            },
+            seed: options.seed,
+            rig: rig.name.clone(),
+            method: options.method.name().to_owned(),
+            cameras: Camera::all_of(rig),
+            metrics: Metrics { delayed_exposures: delayed, dropped_exposures: dropped, blur_px, ..figures },
+            limits: Some(limits),
+            waypoints: route.waypoints.iter().zip(&deviations_m).map(waypoint).collect(),
+            images,
+            cells: capture.cells,
+            ceilings: problem.ceilings.clone(),
+            goal_percent: settings.coverage.goal_percent,
+            matched_goal_percent,
+            clearance_m,
+            convergence,
+            stop: reason,
+        })
+    }
+
+    /// What can still be flown of an earlier flight, for the methods whose images are all along the path.
+    fn resumed(&self) -> Option<Vec<Pose>> {
+        let Self { options, problem, .. } = *self;
+        let earlier = options.earlier.as_ref().filter(|_| matches!(options.method, Method::Refined | Method::Paper))?;
+        let path = resume::resumed(problem, earlier, options.start_m.is_some())?;
+        Some(headed(&problem.rig, &path))
+    }
+
+    /// The paper's own method: a random tree, and the best path in it.
+    fn tree_search(&self, iterations: u32, on_progress: &mut dyn FnMut(&Progress)) -> Result<Outcome, PlanError> {
+        let Self { options, problem, stop, .. } = *self;
+        let start = start_pose(problem, options, stop)?;
+        let confirm = |path: &[Pose]| self.confirmed(path).worth.captured;
+        Ok(search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?)
+    }
+
+    /// What a finished path is really worth, by exact rays from its images.
+    fn confirmed(&self, path: &[Pose]) -> Confirmed {
+        let Self { snapshot, problem, stop, .. } = *self;
+        let profile = self.profile(path);
+        let route = Route::continuous(path, &problem.rig, problem.spacing);
+        let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
+        let worth = evaluate::sightings(snapshot, &problem.disks, &images, stop).map_or(Worth::default(), |sightings| {
+            let Capture { captured, matched, .. } = sightings.capture(problem, |_| true);
+            Worth { captured, matched }
+        });
+        Confirmed { worth, duration_s: profile.duration_s() }
+    }
+
+    /// The profile of the curve that is flown.
+    fn profile(&self, path: &[Pose]) -> Profile {
+        let limits = Limits::new(&self.problem.rig, &self.settings.flight, &self.settings.dynamics);
+        Profile::rounded(path, &limits, &safety::deviations_m(path, &limits, &self.snapshot.free))
+    }
 }
 
 fn with_goal(settings: &Settings, goal_percent: Option<f64>) -> Settings {
@@ -120,46 +202,17 @@ fn matched_goal_percent(settings: &Settings, options: &PlanOptions) -> f64 {
     }
 }
 
-/// The paper's own method: a random tree, and the best path in it.
-fn tree_search(
-    snapshot: &Snapshot,
-    settings: &Settings,
-    problem: &Problem,
-    options: &PlanOptions,
-    iterations: u32,
-    stop: &StopToken,
-    on_progress: &mut dyn FnMut(&Progress),
-) -> Result<Outcome, PlanError> {
-    let start = start_pose(problem, options, stop)?;
-    let confirm = |path: &[Pose]| confirmed(snapshot, settings, problem, path, stop).worth.captured;
-    Ok(search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?)
-}
-
-/// Beyond the paper: a small tree, whose flight is then improved until `matched` samples, if that is wanted, are matched as well.
-fn refined(
-    snapshot: &Snapshot,
-    settings: &Settings,
-    problem: &Problem,
-    options: &PlanOptions,
-    matched: u32,
-    stop: &StopToken,
-    on_progress: &mut dyn FnMut(&Progress),
-) -> Result<Found, PlanError> {
+/// Beyond the paper: a small tree, or an earlier flight, that is then improved until it covers enough, and until enough samples are matched if that
+/// is wanted.
+fn refined(order: &Order, resumed: Option<Vec<Pose>>, on_progress: &mut dyn FnMut(&Progress)) -> Result<Found, PlanError> {
+    let Order { settings, options, problem, matched_goal_percent, stop, .. } = *order;
+    let matched = problem.enough_matched(matched_goal_percent);
     let rounds = options.iterations.unwrap_or_else(|| refine::rounds_of(settings, problem));
     let budget = match (options.budget_s, stop.elapsed_s()) {
         (None, _) => Budget::Rounds(rounds),
         (Some(seconds), Some(begun_s)) => Budget::Until(begun_s + seconds),
         (Some(_), None) => return Err(PlanError::NoClock),
     };
-    let confirm = |path: &[Pose]| confirmed(snapshot, settings, problem, path, stop);
-    let mut tree = tree_search(snapshot, settings, problem, options, settings.refine.tree_iterations, stop, &mut |_| {})?;
-    if tree.path.len() < 2 {
-        // One view may capture enough; it never matches anything.
-        if matched > 0 && tree.stop == StopReason::GoalReached {
-            tree.stop = StopReason::IterationsUsed;
-        }
-        return Ok(Found::of(tree, problem));
-    }
     let (aim, counting) = match (options.objective, options.within_s) {
         (Objective::Eq6, _) => (Aim::MostObjective, Counting::Everything),
         (Objective::Time, Some(within_s)) => (Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 }, Counting::Captured),
@@ -169,33 +222,30 @@ fn refined(
         }
     };
     let ground = Ground::new(problem, settings, options.start_m.is_some(), counting);
-    let task = Task { aim, budget, seed: options.seed };
-    let outcome = refine::refine(&ground, &tree.path, &task, stop, &confirm, on_progress);
+    let is_resumed = resumed.is_some();
+    let path = match resumed {
+        Some(path) => path,
+        None => {
+            let mut tree = order.tree_search(settings.refine.tree_iterations, &mut |_| {})?;
+            if tree.path.len() < 2 {
+                // One view may capture enough; it never matches anything.
+                if matched > 0 && tree.stop == StopReason::GoalReached {
+                    tree.stop = StopReason::IterationsUsed;
+                }
+                return Ok(Found::of(tree, problem));
+            }
+            tree.path
+        }
+    };
+    let task = Task { aim, budget, seed: options.seed, is_resumed };
+    let outcome = refine::refine(&ground, &path, &task, stop, &|path| order.confirmed(path), on_progress);
     if let Some(within_s) = options.within_s {
-        let least_s = profile(&outcome.path, snapshot, settings, problem).duration_s();
+        let least_s = order.profile(&outcome.path).duration_s();
         if least_s > within_s {
             return Err(PlanError::TooShort { within_s, least_s });
         }
     }
     Ok(Found::of(outcome, problem))
-}
-
-/// What a finished path is really worth, by exact rays from its images.
-fn confirmed(snapshot: &Snapshot, settings: &Settings, problem: &Problem, path: &[Pose], stop: &StopToken) -> Confirmed {
-    let profile = profile(path, snapshot, settings, problem);
-    let route = Route::continuous(path, &problem.rig, problem.spacing);
-    let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
-    let worth = evaluate::sightings(snapshot, &problem.disks, &images, stop).map_or(Worth::default(), |sightings| {
-        let Capture { captured, matched, .. } = sightings.capture(problem, |_| true);
-        Worth { captured, matched }
-    });
-    Confirmed { worth, duration_s: profile.duration_s() }
-}
-
-/// The profile of the curve that is flown.
-fn profile(path: &[Pose], snapshot: &Snapshot, settings: &Settings, problem: &Problem) -> Profile {
-    let limits = Limits::new(&problem.rig, &settings.flight, &settings.dynamics);
-    Profile::rounded(path, &limits, &safety::deviations_m(path, &limits, &snapshot.free))
 }
 
 /// The given start if it is safe, else the viewpoint; the given view, else the direction: whatever alone captures the most information,

@@ -4,7 +4,7 @@ use geo::{Area, Coord, LineString, Polygon, Validation};
 use nalgebra::{Point3, Unit, Vector3};
 
 use crate::baseline::BaselineError;
-use crate::camera::{Cameras, Rig, pitch_rad};
+use crate::camera::{Cameras, Pose, Rig, pitch_rad};
 use crate::scene::free_space::Obstruction;
 use crate::search::SearchError;
 use crate::settings::MOST_ITERATIONS;
@@ -45,6 +45,9 @@ pub struct PlanOptions {
     pub start_m: Option<Point3<f64>>,
     /// Where a camera on a gimbal looks at the start; `None` chooses the direction.
     pub start_view: Option<Unit<Vector3<f64>>>,
+    /// Waypoints of an earlier flight over the scene as it was. For the methods `refined` and `paper` what can still be flown of it is a plan at
+    /// once ([`super::replan`]), and the refinement goes on with it; `None` begins anew.
+    pub earlier: Option<Vec<Pose>>,
 }
 
 impl PlanOptions {
@@ -65,6 +68,7 @@ impl PlanOptions {
             region_m: None,
             start_m: None,
             start_view: None,
+            earlier: None,
         }
     }
 

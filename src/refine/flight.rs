@@ -118,7 +118,7 @@ impl Flight {
         let Self { waypoints, counts, timeline, retimed, journal } = self;
         let draft = Draft::new(waypoints, splice, ground.is_rigid);
         let mut trial = Trial::default();
-        if draft.count < 2 || !draft.new_legs().all(|k| ground.is_flyable(&draft.pose(k), &draft.pose(k + 1))) {
+        if draft.count < 2 || !draft.new_legs().all(|k| ground.problem.is_flyable(&draft.pose(k), &draft.pose(k + 1))) {
             return trial;
         }
         timeline.retime(retimed, splice.range.clone(), splice.stops.len(), |k| draft.pose(k));

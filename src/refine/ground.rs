@@ -11,7 +11,7 @@ use super::sights::Sights;
 use crate::camera::{Cameras, Pose, Targets};
 use crate::coverage::{Bearing, Mask, Matching};
 use crate::search::Problem;
-use crate::search::leg::{heading, image_poses};
+use crate::search::leg::image_poses;
 use crate::settings::{RefineSettings, Settings};
 use crate::trajectory::profile::Limits;
 
@@ -202,29 +202,6 @@ impl<'a> Ground<'a> {
                 sights.push(sample, mask, Bearing::new(&frame.position, &pose.position));
             }
         }
-    }
-
-    /// Whether a pose may be a waypoint.
-    pub fn is_admissible(&self, pose: &Pose) -> bool {
-        pose.direction.is_none_or(|direction| self.problem.rig.reaches(&direction)) && self.problem.free.is_safe(&pose.position)
-    }
-
-    /// Whether a leg is long enough for its images and the view turns slowly enough on it; safety is not looked at.
-    pub fn is_flyable(&self, from: &Pose, to: &Pose) -> bool {
-        let spacing_m = self.problem.spacing.least_leg_m;
-        let is_long_enough = (to.position - from.position).norm_squared() >= spacing_m * spacing_m;
-        // Bolted cameras turn in the corners, not on the legs.
-        is_long_enough && (self.is_rigid || self.problem.can_turn(from, to))
-    }
-
-    /// The path with the headings that bolted cameras take on it: that of the leg that arrives, at the start that of the first leg.
-    pub fn headed(&self, path: &[Pose]) -> Vec<Pose> {
-        if !self.is_rigid {
-            return path.to_vec();
-        }
-        let along = |k: usize| (k + 1 < path.len()).then(|| heading(&path[k].position, &path[k + 1].position));
-        let headed = |k: usize| Pose { direction: along(k.saturating_sub(1)).or(path[k].direction), ..path[k] };
-        (0..path.len()).map(headed).collect()
     }
 
     /// The direction from one place to another, brought into the gimbal's range.

@@ -41,6 +41,11 @@ impl<'l, 'a> Levels<'l, 'a> {
         Self { coarse: strides.map(|(stride, end_share)| Coarse { ground: all.thinned(stride), end_share }).collect(), all }
     }
 
+    /// All samples from the beginning.
+    pub fn fine(all: &'l Ground<'a>) -> Self {
+        Self { coarse: Vec::new(), all }
+    }
+
     /// The number of the last level, in which all samples count.
     pub fn last(&self) -> usize {
         self.coarse.len()

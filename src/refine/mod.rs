@@ -26,6 +26,7 @@ pub use ground::{Counting, Ground};
 use self::levels::Levels;
 
 use crate::camera::Pose;
+use crate::search::leg::headed;
 use crate::search::{Iteration, Outcome, Problem, Progress, StopReason};
 use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::stop::StopToken;
@@ -36,6 +37,8 @@ pub struct Task {
     pub aim: Aim,
     pub budget: Budget,
     pub seed: u64,
+    /// The path is that of an earlier search, of which most is as good as it was: it is not made hot again.
+    pub is_resumed: bool,
 }
 
 /// How long a flight is improved.
@@ -88,8 +91,8 @@ pub fn refine(
     confirm: &dyn Fn(&[Pose]) -> Confirmed,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Outcome {
-    let Task { aim, budget, seed } = *task;
-    let levels = Levels::new(ground, aim);
+    let Task { aim, budget, seed, is_resumed } = *task;
+    let levels = if is_resumed { Levels::fine(ground) } else { Levels::new(ground, aim) };
     let mut level = 0;
     let mut annealing = Annealing::new(levels.ground(level), path, aim, seed);
     let mut convergence: Vec<Iteration> = Vec::new();
@@ -110,7 +113,7 @@ pub fn refine(
             level += 1;
             annealing.move_to(levels.ground(level));
         }
-        annealing.round(temperature_s(ground, done, rounds) * 1e9);
+        annealing.round(temperature_s(ground, task, done, rounds) * 1e9);
         done += 1;
         convergence.push(annealing.record());
         if let Budget::Until(until_s) = budget
@@ -149,12 +152,14 @@ pub fn refine(
             tell(annealing.record(), done, rounds);
         }
     }
-    Outcome { path: ground.headed(&annealing.best().path), convergence, stop: reason }
+    Outcome { path: headed(&ground.problem.rig, &annealing.best().path), convergence, stop: reason }
 }
 
 /// From the hottest to the coldest, by equal factors; hottest while it is not known how many rounds there will be.
-fn temperature_s(ground: &Ground, done: u32, rounds: u32) -> f64 {
-    let [hottest, coldest] = [ground.settings.hottest_s, ground.settings.coldest_s];
+fn temperature_s(ground: &Ground, task: &Task, done: u32, rounds: u32) -> f64 {
+    let settings = ground.settings;
+    let hottest = if task.is_resumed { settings.resumed_s } else { settings.hottest_s };
+    let coldest = settings.coldest_s.min(hottest);
     let hot = hot_rounds(rounds);
     if done < hot || rounds <= hot + 1 {
         return hottest;

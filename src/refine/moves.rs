@@ -144,7 +144,7 @@ impl Proposal<'_> {
     /// Adds a waypoint if it is admissible.
     fn put(&mut self, position: Point3<f64>, direction: Option<Unit<Vector3<f64>>>) -> Option<()> {
         let pose = Pose { position, direction };
-        self.ground.is_admissible(&pose).then(|| self.splice.stops.push(Stop::New(pose)))
+        self.ground.problem.is_admissible(&pose).then(|| self.splice.stops.push(Stop::New(pose)))
     }
 
     fn remove(&mut self, count: usize) -> Option<()> {
@@ -200,7 +200,7 @@ impl Proposal<'_> {
     }
 
     fn can_fly(&self, from: &Pose, to: &Pose) -> bool {
-        self.ground.is_flyable(from, to) && self.ground.problem.free.is_leg_safe(&from.position, &to.position)
+        self.ground.problem.is_flyable(from, to) && self.ground.problem.free.is_leg_safe(&from.position, &to.position)
     }
 
     fn divert(&mut self) -> Option<()> {

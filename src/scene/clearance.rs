@@ -4,29 +4,59 @@
 //! are single precision and a little too large, the decisions are double precision, so that every answer is exact and depends on
 //! the triangles alone, not on how the tree happens to be built.
 
+use std::cell::Cell;
+use std::sync::Arc;
+
 use nalgebra::{Point3, Vector3};
 use parry3d::bounding_volume::Aabb;
 use parry3d::math::Vector;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode, TraversalAction};
+use rayon::prelude::*;
 
+use super::differences::Differences;
 use super::distance::{point_triangle_squared, segment_hits_triangle, segment_triangle_squared};
-use super::proxy::{Scene, Triangle};
+use super::proxy::{Scene, Structure, Triangle};
 
-/// All triangles of a scene, ready for queries. Built in milliseconds; never changes.
+/// All triangles of a scene, ready for queries: a hierarchy over the structures, and in each of them one over its triangles, so that an edit
+/// makes only those of its own structures anew. Never changes.
 #[derive(Debug)]
 pub struct Clearance {
+    bvh: Bvh,
+    /// By structure; shared with the scenes before and after an edit.
+    bodies: Vec<Arc<Body>>,
+    /// Bodies that have triangles, by the leaves of the hierarchy.
+    leaves: Vec<usize>,
+}
+
+/// The triangles of one structure.
+#[derive(Debug)]
+struct Body {
     bvh: Bvh,
     triangles: Vec<Triangle>,
 }
 
 impl Clearance {
     pub fn new(scene: &Scene) -> Self {
-        Self::of_triangles(scene.structures.iter().flat_map(|structure| structure.triangles()).collect())
+        Self::of_bodies(scene.structures.par_iter().map(|structure| Arc::new(Body::new(structure.triangles()))).collect())
+    }
+
+    /// Of a scene of which these structures are known from an earlier one.
+    pub fn after(before: &Self, scene: &Scene, differences: &Differences) -> Self {
+        let body = |(structure, kept): (&Arc<Structure>, &Option<usize>)| match kept {
+            Some(index) => Arc::clone(&before.bodies[*index]),
+            None => Arc::new(Body::new(structure.triangles())),
+        };
+        Self::of_bodies(scene.structures.iter().zip(&differences.kept).map(body).collect())
     }
 
     pub fn of_triangles(triangles: Vec<Triangle>) -> Self {
-        let boxes: Vec<Aabb> = triangles.iter().map(outer_box).collect();
-        Self { bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles }
+        Self::of_bodies(vec![Arc::new(Body::new(triangles))])
+    }
+
+    fn of_bodies(bodies: Vec<Arc<Body>>) -> Self {
+        let leaves: Vec<usize> = (0..bodies.len()).filter(|&index| !bodies[index].triangles.is_empty()).collect();
+        let boxes: Vec<Aabb> = leaves.iter().map(|&index| bodies[index].bvh.root_aabb()).collect();
+        Self { bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), bodies, leaves }
     }
 
     /// Whether a triangle lies between `a` and `b`, the end points excluded.
@@ -63,35 +93,47 @@ impl Clearance {
     }
 
     fn any(&self, meets: impl Fn(&BvhNode) -> bool, hits: impl Fn(&Triangle) -> bool) -> bool {
-        let mut found = false;
-        self.bvh.traverse(|node| {
-            if !meets(node) {
-                return TraversalAction::Prune;
-            }
-            if let Some(leaf) = node.leaf_data()
-                && hits(&self.triangles[leaf as usize])
-            {
-                found = true;
-                return TraversalAction::EarlyExit;
-            }
-            TraversalAction::Continue
-        });
-        found
+        any_leaf(&self.bvh, &meets, |leaf| {
+            let body = &self.bodies[self.leaves[leaf]];
+            any_leaf(&body.bvh, &meets, |triangle| hits(&body.triangles[triangle]))
+        })
     }
 
     fn least(&self, cap_m: f64, bound: impl Fn(&BvhNode) -> f64, exact: impl Fn(&Triangle) -> f64) -> f64 {
-        let mut best = cap_m * cap_m;
-        self.bvh.traverse(|node| {
-            if bound(node) >= best {
-                return TraversalAction::Prune;
-            }
-            if let Some(leaf) = node.leaf_data() {
-                best = best.min(exact(&self.triangles[leaf as usize]));
-            }
-            TraversalAction::Continue
+        let best = Cell::new(cap_m * cap_m);
+        let is_near = |node: &BvhNode| bound(node) < best.get();
+        any_leaf(&self.bvh, &is_near, |leaf| {
+            let body = &self.bodies[self.leaves[leaf]];
+            any_leaf(&body.bvh, &is_near, |triangle| {
+                best.set(best.get().min(exact(&body.triangles[triangle])));
+                false
+            })
         });
-        best.sqrt()
+        best.get().sqrt()
     }
+}
+
+impl Body {
+    fn new(triangles: Vec<Triangle>) -> Self {
+        let boxes: Vec<Aabb> = triangles.iter().map(outer_box).collect();
+        Self { bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles }
+    }
+}
+
+/// Whether a leaf among the nodes that are met is what is looked for; ends with the first one.
+fn any_leaf(bvh: &Bvh, meets: &impl Fn(&BvhNode) -> bool, is_it: impl Fn(usize) -> bool) -> bool {
+    let mut found = false;
+    bvh.traverse(|node| {
+        if !meets(node) {
+            return TraversalAction::Prune;
+        }
+        if node.leaf_data().is_some_and(|leaf| is_it(leaf as usize)) {
+            found = true;
+            return TraversalAction::EarlyExit;
+        }
+        TraversalAction::Continue
+    });
+    found
 }
 
 /// The box of a triangle in single precision, grown so that rounding can never cut anything off.

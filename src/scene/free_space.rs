@@ -6,6 +6,7 @@ use geo::{Area, Intersects, Validation};
 use nalgebra::Point3;
 
 use super::clearance::Clearance;
+use super::differences::Differences;
 use super::proxy::{NoFlyZone, Scene, Shape, Structure};
 use super::solid::Bounds;
 use crate::frame::{Geodetic, LocalFrame};
@@ -53,13 +54,22 @@ pub enum ZoneError {
 impl FreeSpace {
     /// `settings` gives the limits, `scene` the obstacles and its own zones.
     pub fn new(scene: &Scene, settings: &FlightSettings) -> Result<Self, ZoneError> {
+        Self::with_clearance(scene, settings, Clearance::new(scene))
+    }
+
+    /// The same of a scene that differs from an earlier one: only what is new is made anew.
+    pub fn after(before: &Self, scene: &Scene, differences: &Differences, settings: &FlightSettings) -> Result<Self, ZoneError> {
+        Self::with_clearance(scene, settings, Clearance::after(&before.clearance, scene, differences))
+    }
+
+    fn with_clearance(scene: &Scene, settings: &FlightSettings, clearance: Clearance) -> Result<Self, ZoneError> {
         let structures: Vec<_> = scene.structures.iter().map(|s| (s.bounds(), Arc::clone(s))).collect();
         let mut zones = scene.zones.clone();
         for setting in &settings.no_fly {
             zones.push(zone(setting, &scene.frame)?);
         }
         Ok(Self {
-            clearance: Clearance::new(scene),
+            clearance,
             limits: limits(scene, settings),
             structures,
             zones,
@@ -93,6 +103,11 @@ impl FreeSpace {
             return Some(Obstruction::Inside(structure.name.clone()));
         }
         self.zone_between(a, b)
+    }
+
+    /// Whether both have the same limits, zones and safety distance: then they differ by their structures alone.
+    pub fn has_rules_of(&self, other: &Self) -> bool {
+        self.limits == other.limits && self.zones == other.zones && self.safety_distance_m == other.safety_distance_m
     }
 
     /// The no-fly zone that the straight line from `a` to `b` enters, if any.

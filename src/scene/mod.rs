@@ -27,6 +27,7 @@ mod zone;
 pub mod generate;
 pub mod write;
 
+pub mod differences;
 pub mod edit;
 
 pub mod degrade;

@@ -35,6 +35,41 @@ impl Bounds {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
     }
 
+    /// The box with this much more on every side, m.
+    pub fn grown(&self, by_m: f64) -> Self {
+        let by = Vector3::repeat(by_m);
+        Self { min: self.min - by, max: self.max + by }
+    }
+
+    /// Whether two boxes have a point in common.
+    pub fn meets(&self, other: &Self) -> bool {
+        (0..3).all(|axis| self.min[axis] <= other.max[axis] && other.min[axis] <= self.max[axis])
+    }
+
+    /// Squared distance of `point` to the box, m^2; 0 within.
+    pub fn distance_squared(&self, point: &Point3<f64>) -> f64 {
+        let outside = |axis: usize| (self.min[axis] - point[axis]).max(point[axis] - self.max[axis]).max(0.0);
+        (0..3).map(|axis| outside(axis) * outside(axis)).sum()
+    }
+
+    /// Whether the segment from `a` to `b` meets the box.
+    pub fn meets_segment(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        let (mut enter, mut leave) = (0.0f64, 1.0f64);
+        for axis in 0..3 {
+            let (from, along) = (a[axis], b[axis] - a[axis]);
+            if along == 0.0 {
+                if from < self.min[axis] || from > self.max[axis] {
+                    return false;
+                }
+                continue;
+            }
+            let (low, high) = ((self.min[axis] - from) / along, (self.max[axis] - from) / along);
+            enter = enter.max(low.min(high));
+            leave = leave.min(low.max(high));
+        }
+        enter <= leave
+    }
+
     /// Whether `point` lies in the box or on its sides.
     pub fn contains(&self, point: &Point3<f64>) -> bool {
         (0..3).all(|axis| self.min[axis] <= point[axis] && point[axis] <= self.max[axis])

@@ -29,6 +29,16 @@ pub fn heading(from: &Point3<f64>, to: &Point3<f64>) -> Unit<Vector3<f64>> {
     Unit::try_new(along, 1e-6).unwrap_or(Vector3::x_axis())
 }
 
+/// The path with the headings that bolted cameras take on it: that of the leg that arrives, at the start that of the first leg.
+pub fn headed(rig: &Rig, path: &[Pose]) -> Vec<Pose> {
+    if !matches!(rig.cameras, Cameras::Rigid(_)) {
+        return path.to_vec();
+    }
+    let along = |k: usize| (k + 1 < path.len()).then(|| heading(&path[k].position, &path[k + 1].position));
+    let headed = |k: usize| Pose { direction: along(k.saturating_sub(1)).or(path[k].direction), ..path[k] };
+    (0..path.len()).map(headed).collect()
+}
+
 /// The direction part of the way along the great circle (section 5.4); between opposite directions there is no such circle.
 fn turned(first: Option<Unit<Vector3<f64>>>, last: Option<Unit<Vector3<f64>>>, share: f64) -> Option<Unit<Vector3<f64>>> {
     match (first, last) {

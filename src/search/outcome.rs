@@ -33,6 +33,8 @@ pub enum StopReason {
     Cancelled,
     /// The method has done all that it does; it does not search for a goal.
     Complete,
+    /// There was no search yet: what could still be flown of an earlier flight after an edit.
+    Repaired,
 }
 
 /// How far a search has come.

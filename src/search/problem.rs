@@ -180,6 +180,19 @@ impl<'a> Problem<'a> {
                 && image_poses(&self.rig, from, to, self.spacing).all(|pose| pose.direction.is_none_or(|d| self.rig.reaches(&d)))
     }
 
+    /// Whether a pose may be a waypoint.
+    pub fn is_admissible(&self, pose: &Pose) -> bool {
+        pose.direction.is_none_or(|direction| self.rig.reaches(&direction)) && self.free.is_safe(&pose.position)
+    }
+
+    /// Whether a leg is long enough for its images and the view turns slowly enough on it; safety is not looked at.
+    pub fn is_flyable(&self, from: &Pose, to: &Pose) -> bool {
+        let spacing_m = self.spacing.least_leg_m;
+        let is_long_enough = (to.position - from.position).norm_squared() >= spacing_m * spacing_m;
+        // Bolted cameras turn in the corners, not on the legs.
+        is_long_enough && (!self.rig.has_gimbal() || self.can_turn(from, to))
+    }
+
     /// What the views along the leg add to those at `from`: the viewpoints between the ends, and the one at `to` (section 4.2).
     pub fn observe_leg(&self, from: &Pose, to: &Pose, scratch: &mut Scratch) -> Observations {
         for pose in image_poses(&self.rig, from, to, self.spacing) {

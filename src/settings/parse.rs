@@ -140,6 +140,7 @@ impl Settings {
             ("refine.sectors", f64::from(refine.sectors), 1.0, 64.0),
             ("refine.hottest_s", refine.hottest_s, 0.0, 1000.0),
             ("refine.coldest_s", refine.coldest_s, 0.0, 1000.0),
+            ("refine.resumed_s", refine.resumed_s, 0.0, 1000.0),
             ("refine.margin_cells", f64::from(refine.margin_cells), 0.0, 128.0),
             ("refine.margin_parallax_deg", refine.margin_parallax_deg, 0.0, 10.0),
             ("refine.parts_share", refine.parts_share, 0.0, 100.0),

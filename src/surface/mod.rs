@@ -4,11 +4,13 @@
 //! them. Only [`Sample::exposed`] looks at the neighbours.
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::scene::differences::Differences;
 use crate::scene::{Bounds, Scene, Shape, Structure, StructureId, Triangle};
 use crate::stop::StopToken;
 
@@ -93,6 +95,37 @@ impl Sampler {
         sampled.map(|structures| structures.concat())
     }
 
+    /// The same of a scene that differs from an earlier one, whose samples are `before`, structure by structure: only those of new structures
+    /// are made, and only where structures came or went is it looked at anew which are exposed.
+    pub fn sample_after(
+        &self,
+        scene: &Scene,
+        differences: &Differences,
+        before: &Samples,
+        stop: &StopToken,
+    ) -> Option<Vec<Sample>> {
+        let bounds: Vec<Bounds> = scene.structures.iter().map(|structure| structure.bounds()).collect();
+        let reach_m = self.sampling.offset_m;
+        let of_structure = |(index, structure): (usize, &Arc<Structure>)| {
+            if stop.is_stopped() {
+                return None;
+            }
+            let kept = differences.kept[index].map(|old| before.of_structure(old));
+            let is_apart = || !differences.boxes().any(|changed| are_near(&bounds[index], changed, reach_m));
+            let mut samples = match kept {
+                Some(samples) if is_apart() => return Some(placed(samples.to_vec(), index)),
+                Some(samples) => samples.to_vec(),
+                None => self.of_structure(structure).to_vec(),
+            };
+            let neighbours = neighbours(scene, &bounds, index, reach_m);
+            samples.iter_mut().for_each(|sample| sample.exposed = is_exposed(sample, &neighbours, reach_m));
+            Some(placed(samples, index))
+        };
+        let sampled: Option<Vec<Vec<Sample>>> = scene.structures.par_iter().enumerate().map(of_structure).collect();
+        self.lock().retain(|id, _| scene.structure(*id).is_some());
+        sampled.map(|structures| structures.concat())
+    }
+
     fn of_structure(&self, structure: &Arc<Structure>) -> Arc<Vec<Sample>> {
         if let Some((known, samples)) = self.lock().get(&structure.id)
             && Arc::ptr_eq(known, structure)
@@ -166,10 +199,45 @@ fn is_exposed(sample: &Sample, neighbours: &[(Bounds, &Structure)], offset_m: f6
     in_front.z > 0.0 && !neighbours.iter().any(buried)
 }
 
+/// Samples of structure `index` of a scene.
+fn placed(mut samples: Vec<Sample>, index: usize) -> Vec<Sample> {
+    samples.iter_mut().for_each(|sample| sample.structure = index as u32);
+    samples
+}
+
+/// All samples of a scene, with the first one of each structure.
+#[derive(Clone, Debug)]
+pub struct Samples {
+    pub samples: Vec<Sample>,
+    /// One more than there are structures: the last one is where all end.
+    firsts: Vec<usize>,
+}
+
+impl Samples {
+    /// `samples` in the order of the structures, of which there are so many.
+    pub fn new(samples: Vec<Sample>, structures: usize) -> Self {
+        let first = |index: usize| samples.partition_point(|sample| (sample.structure as usize) < index);
+        let firsts = (0..=structures).map(first).collect();
+        Self { samples, firsts }
+    }
+
+    pub fn range(&self, structure: usize) -> Range<usize> {
+        self.firsts[structure]..self.firsts[structure + 1]
+    }
+
+    pub fn of_structure(&self, structure: usize) -> &[Sample] {
+        &self.samples[self.range(structure)]
+    }
+}
+
+/// Whether two boxes come as near to each other as samples are tested in front of the surface.
+fn are_near(own: &Bounds, other: &Bounds, reach_m: f64) -> bool {
+    (0..3).all(|i| other.min[i] - reach_m <= own.max[i] && own.min[i] - reach_m <= other.max[i])
+}
+
 /// The structures whose boxes come near that of structure `index`, with their boxes.
 fn neighbours<'a>(scene: &'a Scene, bounds: &[Bounds], index: usize, reach_m: f64) -> Vec<(Bounds, &'a Structure)> {
-    let own = &bounds[index];
-    let near = |other: &Bounds| (0..3).all(|i| other.min[i] - reach_m <= own.max[i] && own.min[i] - reach_m <= other.max[i]);
+    let near = |other: &Bounds| are_near(&bounds[index], other, reach_m);
     let others = bounds.iter().zip(&scene.structures).enumerate();
     others
         .filter(|(i, (other, _))| *i != index && near(other))

@@ -10,6 +10,7 @@ use nalgebra::{Point3, Vector3};
 use overfly::camera::{Pose, Rig};
 use overfly::coverage::{DiskModel, SampleFrame};
 use overfly::planner::{Method, PlanOptions, StopToken, plan};
+use overfly::scene::edit::Edit;
 use overfly::scene::{generate_block, ny1_size};
 use overfly::search::Problem;
 use overfly::session::{Session, Snapshot};
@@ -174,9 +175,19 @@ fn survey() -> usize {
 
 #[divan::bench(sample_count = 20)]
 fn field_build(bencher: Bencher) {
-    let survey = SESSION.survey(&StopToken::default()).expect("nobody stops it");
+    let mut survey = SESSION.survey(&StopToken::default()).expect("nobody stops it");
     let mut blocks = vec![Block::ZERO; survey.blocks()];
     bencher.bench_local(|| survey.build(&mut blocks, &StopToken::default()));
+}
+
+/// A structure is raised; the ratio to [`survey`] and [`field_build`] together is what the field before saves.
+#[divan::bench(sample_count = 20)]
+fn field_update_after_an_edit(bencher: Bencher) {
+    let mut edited = SESSION.clone();
+    let id = edited.scene().structures[3].id;
+    edited.apply(&Edit::Raise { id, by_m: 3.0 }).expect("it can be raised");
+    let stop = StopToken::default();
+    bencher.bench_local(|| edited.survey_after(&SNAPSHOT, &stop).and_then(|survey| survey.into_snapshot(&stop)).is_ok());
 }
 
 #[divan::bench(sample_count = 10, args = [100, 400, 1000])]

@@ -4,12 +4,16 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use geo::polygon;
 use nalgebra::Point3;
 use overfly::camera::Rig;
 use overfly::planner::{Method, PlanOptions, StopToken};
+use overfly::scene::edit::Edit;
 use overfly::scene::{BlockSettings, Scene, Triangle, generate_block};
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
+use rand_chacha::ChaCha8Rng;
+use rand_core::{Rng, SeedableRng};
 
 /// A block of about nine buildings on 130 m, small enough for brute force.
 pub fn small_block(seed: u64) -> Scene {
@@ -31,6 +35,58 @@ pub fn session(scene: Scene, settings: &Settings) -> Session {
 pub fn snapshot(session: &Session) -> Snapshot {
     let stop = StopToken::default();
     session.survey(&stop).and_then(|survey| survey.into_snapshot(&stop)).expect("nobody stops the survey")
+}
+
+/// The snapshot that follows from that of an earlier revision.
+pub fn snapshot_after(session: &Session, earlier: &Snapshot) -> Snapshot {
+    let stop = StopToken::default();
+    session.survey_after(earlier, &stop).and_then(|survey| survey.into_snapshot(&stop)).expect("nobody stops the survey")
+}
+
+/// The same scene with fresh structures, so that nothing remembered of the old ones can be used.
+pub fn forgotten(scene: &Scene) -> Scene {
+    let mut scene = scene.clone();
+    scene.structures.iter_mut().for_each(|structure| *structure = Arc::new((**structure).clone()));
+    scene
+}
+
+/// An edit of a scene by chance: mostly one that can be made.
+pub fn random_edit(scene: &Scene, random: &mut ChaCha8Rng) -> Edit {
+    let mut below = |count: u64| random.next_u64() % count;
+    let structure = &scene.structures[below(scene.structures.len() as u64) as usize];
+    let (id, bounds) = (structure.id, structure.bounds());
+    match below(5) {
+        0 => Edit::Raise { id, by_m: 1.0 + below(12) as f64 },
+        1 => Edit::Lower { id, by_m: 1.0 + below(4) as f64 },
+        2 => Edit::Move { id, by_m: [below(21) as f64 - 10.0, below(21) as f64 - 10.0] },
+        3 => {
+            let [x, y] = [bounds.max.x + below(20) as f64, bounds.min.y + below(20) as f64];
+            let (width, depth) = (3.0 + below(12) as f64, 3.0 + below(12) as f64);
+            let footprint = polygon![(x: x, y: y), (x: x + width, y: y), (x: x + width, y: y + depth), (x: x, y: y + depth)];
+            Edit::Add { name: format!("new-{}", below(1 << 40)), footprint, base_m: 0.0, top_m: 3.0 + below(25) as f64 }
+        }
+        _ => Edit::Remove { id },
+    }
+}
+
+/// Makes edits by chance, one after the other, and holds the field that follows from the one before against one that is built anew, bit for
+/// bit. Returns how many could be made.
+pub fn check_updates(scene: Scene, settings: &Settings, edits: usize, seed: u64) -> usize {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut edited = session(scene, settings);
+    let mut latest = snapshot(&edited);
+    let mut made = 0;
+    for number in 0..edits {
+        let edit = random_edit(edited.scene(), &mut random);
+        if edited.apply(&edit).is_err() {
+            continue;
+        }
+        made += 1;
+        latest = snapshot_after(&edited, &latest);
+        let rebuilt = snapshot(&edited.with_scene(forgotten(edited.scene()), edited.revision()));
+        assert!(latest.storage().blocks() == rebuilt.storage().blocks(), "after edit {number}: {edit:?}");
+    }
+    made
 }
 
 pub fn options(seed: u64, iterations: u32) -> PlanOptions {

@@ -67,7 +67,8 @@ pub struct PlanFacts {
     pub seed: u64,
     pub iterations: u64,
     /// 0 the coverage goal was reached, 1 the iterations were used up, 2 the search was stopped, 3 its memory was
-    /// used up, 4 nothing more could be reached, 5 the method has done all that it does.
+    /// used up, 4 nothing more could be reached, 5 the method has done all that it does, 6 there was no search yet: what could
+    /// still be flown of an earlier flight after an edit.
     pub stop: u64,
     pub origin_lat_deg: f64,
     pub origin_lon_deg: f64,

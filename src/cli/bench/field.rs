@@ -1,7 +1,7 @@
 //! Loading a scene, sampling it, and building its view information field.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nalgebra::{Point3, Vector3};
 use overfly_table::{Block, FieldTable};
@@ -15,7 +15,8 @@ use crate::cli::progress::Meter;
 use crate::cli::{in_process, settings_file};
 use crate::planner::StopToken;
 use crate::scene;
-use crate::session::Session;
+use crate::scene::edit::Edit;
+use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
@@ -24,7 +25,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let file_name = arguments.file.to_string_lossy();
     let stop = StopToken::default();
     let mut meter = Meter::new(form);
-    let mut values: [Vec<f64>; 5] = Default::default();
+    let mut values: [Vec<f64>; 7] = Default::default();
     let mut blocks: Vec<Block> = Vec::new();
     for round in 1..=arguments.repeat {
         meter.stage(&format!("round {round} of {}", arguments.repeat));
@@ -32,21 +33,23 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
         let (scene, _) = scene::read(&file_name, &bytes, &settings.proxy)?;
         let read = started.elapsed();
         let session = Session::new(scene, Arc::clone(&settings), &stop)?;
-        let survey = session.survey(&stop)?;
+        let mut survey = session.survey(&stop)?;
         let surveyed = started.elapsed();
         blocks.clear();
         blocks.resize(survey.blocks(), Block::ZERO);
         let build_started = Instant::now();
         survey.build(&mut blocks, &stop)?;
         let built = build_started.elapsed();
-        let steps = [read, surveyed - read, built, surveyed + built];
+        let earlier = survey.snapshot(Arc::new(blocks.clone()))?;
+        let [updated, rebuilt] = edit_times(&session, &earlier, round, &stop)?;
+        let steps = [read, surveyed - read, built, surveyed + built, updated, rebuilt];
         steps.iter().zip(&mut values).for_each(|(step, values)| values.push(step.as_secs_f64() * 1e3));
     }
     drop(meter);
     let field = FieldTable::open(&blocks).expect("the survey built this table");
     let rays = pairs_in_reach(&field, &settings);
-    values[4] = values[2].iter().map(|build_ms| rays as f64 / build_ms / 1e3).collect();
-    let [load, survey, build, all, rate] = values;
+    values[6] = values[2].iter().map(|build_ms| rays as f64 / build_ms / 1e3).collect();
+    let [load, survey, build, all, updated, rebuilt, rate] = values;
     Ok(Report {
         facts: [facts(&field, arguments.repeat), vec![("rays", json!(rays))]].concat(),
         rows: vec![
@@ -54,10 +57,43 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
             Row { step: "survey", unit: "ms", values: survey, limit: "" },
             Row { step: "build", unit: "ms", values: build, limit: "33 walls, 77 CWBVH, 110 parry (N 1600, M 2000)" },
             Row { step: "load to field", unit: "ms", values: all, limit: "goal 500 (delfshaven, N 1600, M 2000)" },
+            Row {
+                step: "update after an edit",
+                unit: "ms",
+                values: updated,
+                limit: "goal 3 (delfshaven, nihonbashi), 8 (marunouchi)",
+            },
+            Row {
+                step: "rebuild after it",
+                unit: "ms",
+                values: rebuilt,
+                limit: "goal 150 (delfshaven, nihonbashi), 1500 (marunouchi)",
+            },
             Row { step: "rays", unit: "million/s", values: rate, limit: "8 parry, 12 CWBVH, 50 walls" },
         ],
     })
 }
+
+/// How long the field takes after one structure was raised: from the field before, and anew. Another structure in each round.
+fn edit_times(session: &Session, earlier: &Snapshot, round: u32, stop: &StopToken) -> Result<[Duration; 2], Failure> {
+    let structures = &session.scene().structures;
+    let mut edited = session.clone();
+    let ids = (0..structures.len()).map(|k| structures[(round as usize * STRIDE + k) % structures.len()].id);
+    ids.into_iter().find(|&id| edited.apply(&Edit::Raise { id, by_m: RAISED_M }).is_ok());
+    let timed = |survey: &dyn Fn() -> Result<Snapshot, FieldError>| -> Result<_, Failure> {
+        let started = Instant::now();
+        let snapshot = survey()?;
+        Ok((started.elapsed(), snapshot))
+    };
+    let (updated, update) = timed(&|| edited.survey_after(earlier, stop)?.into_snapshot(stop))?;
+    let (rebuilt, rebuild) = timed(&|| edited.survey(stop)?.into_snapshot(stop))?;
+    debug_assert!(update.storage().blocks() == rebuild.storage().blocks());
+    Ok([updated, rebuilt])
+}
+
+/// Structures that are raised lie so many apart.
+const STRIDE: usize = 37;
+const RAISED_M: f64 = 3.0;
 
 /// Facts of a field that figures depend on.
 pub fn facts(field: &FieldTable, repeat: u32) -> Vec<(&'static str, serde_json::Value)> {

@@ -1,0 +1,48 @@
+//! How one scene differs from another, structure by structure: what an edit, a batch of edits or a new version of a file has changed.
+
+use std::sync::Arc;
+
+use super::proxy::{Scene, Structure};
+use super::solid::Bounds;
+
+/// The structures that two scenes do not have in common.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Differences {
+    /// For each structure of the later scene the index that the very same structure has in the earlier one.
+    pub kept: Vec<Option<usize>>,
+    /// Boxes of what stood there before and does not any more, m.
+    pub gone: Vec<Bounds>,
+    /// Boxes of what stands there now and did not before, m.
+    pub come: Vec<Bounds>,
+}
+
+impl Differences {
+    /// Both scenes have their structures in the order of their ids.
+    pub fn between(before: &Scene, after: &Scene) -> Self {
+        let mut differences = Self { kept: Vec::with_capacity(after.structures.len()), ..Self::default() };
+        let mut old = before.structures.iter().enumerate().peekable();
+        for structure in &after.structures {
+            while let Some((_, gone)) = old.next_if(|(_, old)| old.id < structure.id) {
+                differences.gone.push(gone.bounds());
+            }
+            let same_id = old.next_if(|(_, old)| old.id == structure.id);
+            let kept = same_id.filter(|(_, old)| is_same(old, structure)).map(|(index, _)| index);
+            if kept.is_none() {
+                differences.gone.extend(same_id.map(|(_, old)| old.bounds()));
+                differences.come.push(structure.bounds());
+            }
+            differences.kept.push(kept);
+        }
+        differences.gone.extend(old.map(|(_, gone)| gone.bounds()));
+        differences
+    }
+
+    /// All boxes in which something changed.
+    pub fn boxes(&self) -> impl Iterator<Item = &Bounds> {
+        self.gone.iter().chain(&self.come)
+    }
+}
+
+fn is_same(a: &Arc<Structure>, b: &Arc<Structure>) -> bool {
+    Arc::ptr_eq(a, b) || a == b
+}

@@ -1,0 +1,114 @@
+//! After an edit a flight goes on with the one before: what can still be flown comes first, safe and with most of what it captured.
+
+mod support;
+
+use std::sync::Mutex;
+
+use geo::polygon;
+use overfly::camera::{Pose, Rig};
+use overfly::planner::{Method, PlanOptions, StopToken, plan, replan};
+use overfly::scene::edit::Edit;
+use overfly::session::Session;
+use overfly::settings::Settings;
+use overfly::trajectory::plan::{Plan, StopReason};
+use overfly::trajectory::safety;
+use proptest::prelude::*;
+use support::{rigs, session, small_block, small_settings, snapshot, snapshot_after};
+
+fn options(rig: &Rig, rounds: u32) -> PlanOptions {
+    PlanOptions { iterations: Some(rounds), ..PlanOptions::new(rig.clone(), Method::Refined, 5) }
+}
+
+fn poses(plan: &Plan) -> Vec<Pose> {
+    plan.waypoints.iter().map(|waypoint| Pose { position: waypoint.position_m, direction: waypoint.direction }).collect()
+}
+
+/// The repaired plan, if there was one, and the plan.
+fn planned(snapshot: &overfly::session::Snapshot, settings: &Settings, options: &PlanOptions) -> (Option<Plan>, Plan) {
+    let repaired = Mutex::new(None);
+    let on_repaired = &mut |plan| *repaired.lock().unwrap() = Some(plan);
+    let plan = replan(snapshot, settings, options, &StopToken::default(), &mut |_| {}, on_repaired).expect("it can be flown");
+    (repaired.into_inner().unwrap(), plan)
+}
+
+/// A pillar around the middle of the longest leg, as far up as flights go: the flight before is not safe any more.
+fn pillar_on(plan: &Plan) -> Edit {
+    let length = |k: &usize| (plan.waypoints[k + 1].position_m - plan.waypoints[*k].position_m).norm();
+    let longest = (0..plan.waypoints.len() - 1).max_by(|a, b| length(a).total_cmp(&length(b))).unwrap();
+    let middle = nalgebra::center(&plan.waypoints[longest].position_m, &plan.waypoints[longest + 1].position_m);
+    let (x, y) = (middle.x, middle.y);
+    let footprint =
+        polygon![(x: x - 1.0, y: y - 1.0), (x: x + 1.0, y: y - 1.0), (x: x + 1.0, y: y + 1.0), (x: x - 1.0, y: y + 1.0)];
+    Edit::Add { name: "pillar".into(), footprint, base_m: 0.0, top_m: middle.z + 1.0 }
+}
+
+fn is_safe(plan: &Plan, snapshot: &overfly::session::Snapshot) -> bool {
+    let profile = plan.profile().expect("a plan says how it was timed");
+    safety::check(profile.curve(), &snapshot.free).is_ok()
+}
+
+#[test]
+fn a_flight_that_an_edit_blocks_is_flown_around_it_and_then_improved() {
+    let settings = small_settings();
+    for rig in rigs() {
+        let mut edited: Session = session(small_block(2), &settings);
+        let before = snapshot(&edited);
+        let first = plan(&before, &settings, &options(&rig, 60), &StopToken::default(), &mut |_| {}).unwrap();
+        edited.apply(&pillar_on(&first)).expect("there is room for a pillar");
+        let after = snapshot_after(&edited, &before);
+        assert!(!is_safe(&first, &after), "{}: the pillar stands on the flight", rig.name);
+
+        let again = PlanOptions { earlier: Some(poses(&first)), ..options(&rig, 10) };
+        let (repaired, second) = planned(&after, &settings, &again);
+        let repaired = repaired.expect("most of the flight is left");
+        assert_eq!(repaired.stop, StopReason::Repaired);
+        for plan in [&repaired, &second] {
+            assert!(is_safe(plan, &after) && plan.scene.revision == 2, "{}", rig.name);
+        }
+        let (old, new) = (first.metrics.coverage_percent, repaired.metrics.coverage_percent);
+        assert!(new > 0.9 * old, "{}: {new} % of {old} % are left", rig.name);
+        // Most waypoints are those that were there before.
+        let kept = repaired.waypoints.iter().filter(|w| first.waypoints.iter().any(|old| old.position_m == w.position_m)).count();
+        assert!(kept * 10 >= first.waypoints.len() * 8, "{}: {kept} of {}", rig.name, first.waypoints.len());
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+    #[test]
+    fn whatever_is_edited_the_repaired_flight_is_safe_and_the_same_on_any_number_of_threads(
+        seed in 0u64..1000, rig in proptest::sample::select(rigs()), edits in 1usize..4,
+    ) {
+        use rand_core::SeedableRng;
+        let settings = small_settings();
+        let mut edited = session(small_block(seed % 5), &settings);
+        let before = snapshot(&edited);
+        let first = plan(&before, &settings, &options(&rig, 20), &StopToken::default(), &mut |_| {}).unwrap();
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        for _ in 0..edits {
+            let edit = support::random_edit(edited.scene(), &mut random);
+            let _ = edited.apply(&edit);
+        }
+        let after = snapshot_after(&edited, &before);
+        let again = PlanOptions { earlier: Some(poses(&first)), ..options(&rig, 4) };
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| planned(&after, &settings, &again))
+        };
+        let (repaired, second) = on(1);
+        prop_assert!(repaired.iter().chain([&second]).all(|plan| is_safe(plan, &after)));
+        prop_assert_eq!(on(3), (repaired, second));
+    }
+}
+
+#[test]
+fn the_flight_of_another_rig_is_not_gone_on_with() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(2), &settings));
+    let [panoramic, gimbal] = ["panoramic", "phantom4-rtk"].map(|name| Rig::preset(name).unwrap());
+    let first = plan(&snapshot, &settings, &options(&panoramic, 10), &StopToken::default(), &mut |_| {}).unwrap();
+    let cold = planned(&snapshot, &settings, &options(&gimbal, 10));
+    let again = PlanOptions { earlier: Some(poses(&first)), ..options(&gimbal, 10) };
+    assert_eq!(planned(&snapshot, &settings, &again), cold);
+    assert!(cold.0.is_none());
+}

@@ -92,14 +92,14 @@ impl Session {
         let differences = Differences::between(&earlier.scene, &self.scene);
         let free = FreeSpace::after(&earlier.free, &self.scene, &differences, &self.settings.flight)?;
         if !free.has_rules_of(&earlier.free) {
-            // The highest or the outermost structure has changed, and with it where a flight may be at all.
             return self.survey(stop);
         }
         self.check_size(&free, stop)?;
         let footing = &earlier.footing;
         let samples = self.sampler.sample_after(&self.scene, &differences, &footing.samples, stop).ok_or(FieldError::Stopped)?;
         let boxes = differences.boxes();
-        let sites = field::sites_after(&free, &self.pins.lattice, &footing.sites, boxes, stop).ok_or(FieldError::Stopped)?;
+        let sites = field::sites_after(&free, &self.pins.lattice, &footing.sites, &earlier.free.limits, boxes, stop);
+        let sites = sites.ok_or(FieldError::Stopped)?;
         let outlines = Outlines::after(&footing.outlines, &self.scene, &differences);
         self.surveyed(free, samples, sites, outlines, Some((earlier.clone(), differences)), stop)
     }

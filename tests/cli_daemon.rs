@@ -273,6 +273,20 @@ fn the_ipc_bench_measures_a_daemon_of_its_own() {
 }
 
 #[test]
+fn the_replan_bench_tells_how_long_the_first_safe_plan_takes_and_what_it_keeps() {
+    let place = Place::new();
+    let scene = place.scene();
+    let small = ["--edits", "6", "--iterations", "3", "--repeat", "1", "--samples", "150", "--viewpoints", "200"];
+    let answer = place.json(&[&["bench", "replan", scene.as_str()], small.as_slice()].concat());
+    let steps = answer["steps"].as_array().unwrap();
+    assert_eq!(steps.len(), 6, "{answer}");
+    assert!(steps.iter().all(|row| row["max"].as_f64().unwrap() >= row["median"].as_f64().unwrap()), "{answer}");
+    assert!(steps[..3].iter().all(|row| row["repeats"] == 2 && row["median"].as_f64().unwrap() > 0.0), "{answer}");
+    assert!(answer["facts"]["least_coverage_kept_percent"].as_f64().unwrap() > 50.0, "{answer}");
+    assert!(!place.path("overfly").exists());
+}
+
+#[test]
 fn the_demo_writes_both_plans_and_leaves_nothing_else() {
     let place = Place::new();
     let demo = place.command(&["demo", "--json"]).stdout(Stdio::piped()).spawn().unwrap();

@@ -390,6 +390,8 @@ pub enum Subject {
     Search,
     /// Messages and tables between two processes
     Ipc,
+    /// From an edit to the first safe plan, between two processes
+    Replan,
 }
 
 #[derive(Debug, Args)]
@@ -405,10 +407,13 @@ pub struct BenchArgs {
     /// How often each step is measured
     #[arg(long, value_name = "N", default_value_t = 9, allow_negative_numbers = true, value_parser = values::count)]
     pub repeat: u32,
-    /// Iterations of the tree search [default: the setting search.iterations, 400]
+    /// For `replan`: edits, a third of them on the flight, a third beside it, a third far off
+    #[arg(long, value_name = "N", default_value_t = 60, allow_negative_numbers = true, value_parser = values::count)]
+    pub edits: u32,
+    /// Iterations of the tree search [default: the setting search.iterations, 400], for `replan` rounds of the refinement [default: 12]
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
-    /// Cameras of the drone in the tree search, as for `plan`
+    /// Cameras of the drone, as for `plan`
     #[arg(long, value_name = "PRESET|RIG.toml", default_value = "panoramic")]
     pub rig: String,
     /// TOML file whose keys replace the built-in values

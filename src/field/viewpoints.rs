@@ -78,20 +78,24 @@ pub fn sites(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Ve
     Some(filled?.concat())
 }
 
-/// The same of a scene that differs from an earlier one, whose sites are `before`, only in `changed` boxes.
+/// The same of a scene that differs from an earlier one, whose sites are `before`, only in `changed` boxes; flights kept within the `limits` there.
 pub fn sites_after<'b>(
     free: &FreeSpace,
     lattice: &Lattice,
     before: &[Site],
+    limits: &Bounds,
     changed: impl Iterator<Item = &'b Bounds>,
     stop: &StopToken,
 ) -> Option<Vec<Site>> {
     let (low, high) = lattice.corners(free);
     // Clearances are cut off at the outer edge of the shell: what is farther away changes nothing.
     let near: Vec<Bounds> = changed.map(|bounds| bounds.grown(SLACK_M)).collect();
+    // The highest or the outermost structure decides on the limits: when they move, cells come and go far from it too.
+    let are_limits_new = free.limits != *limits;
+    let shells: Vec<Bounds> =
+        if are_limits_new { vec![free.limits] } else { near.iter().map(|bounds| bounds.grown(lattice.shell_m)).collect() };
     let mut columns = BTreeSet::new();
-    for bounds in &near {
-        let shell = bounds.grown(lattice.shell_m);
+    for shell in &shells {
         let (from, to) = (lattice.cell(&shell.min), lattice.cell(&shell.max));
         for x in from[0].max(low[0])..=to[0].min(high[0]) {
             columns.extend((from[1].max(low[1])..=to[1].min(high[1])).map(|y| [x, y]));
@@ -107,9 +111,11 @@ pub fn sites_after<'b>(
         let mut old = before[of_column(column)].iter().peekable();
         let cells = (low[2]..=high[2]).map(|z| [column[0], column[1], z]);
         let renew = |cell: Cell| {
+            while old.next_if(|site| site.cell < cell).is_some() {}
             let old = old.next_if(|site| site.cell == cell);
             let position = position(lattice, cell);
-            if near.iter().any(|bounds| bounds.distance_squared(&position) <= lattice.shell_m * lattice.shell_m) {
+            let is_near = |bounds: &Bounds| bounds.distance_squared(&position) <= lattice.shell_m * lattice.shell_m;
+            if free.limits.contains(&position) != limits.contains(&position) || near.iter().any(is_near) {
                 return site(free, lattice, cell);
             }
             let is_under = |bounds: &Bounds| {
@@ -121,6 +127,9 @@ pub fn sites_after<'b>(
         (!stop.is_stopped()).then(|| cells.filter_map(renew).collect())
     };
     let fresh: Vec<Vec<Site>> = columns.par_iter().map(renewed).collect::<Option<_>>()?;
+    if are_limits_new {
+        return Some(fresh.concat());
+    }
     let mut sites = Vec::with_capacity(before.len() + fresh.len());
     let mut kept = 0;
     for (column, fresh) in columns.iter().zip(fresh) {

@@ -77,10 +77,10 @@ pub fn replan(
     if let Some(path) = &resumed {
         let repaired = Outcome { path: path.clone(), convergence: Vec::new(), stop: StopReason::Repaired };
         match order.finished(Found::of(repaired, &problem)) {
-            Ok(plan) => on_repaired(plan),
+            Ok(plan) if options.within_s.is_none_or(|within_s| plan.metrics.profile_s <= within_s) => on_repaired(plan),
             Err(PlanError::Abandoned) => return Err(PlanError::Abandoned),
-            // It may still be improved to a plan.
-            Err(_) => {}
+            // It may still be improved to a plan, and to one that is short enough.
+            Ok(_) | Err(_) => {}
         }
     }
     let found = match options.method {

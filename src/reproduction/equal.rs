@@ -12,6 +12,7 @@ use super::table3;
 use crate::camera::Rig;
 use crate::planner::{self, Method, PlanError, PlanOptions};
 use crate::quality::{self, Compared, Quality, Which, compare};
+use crate::settings::Settings;
 use crate::trajectory::plan::Plan;
 
 /// Whom our method is held against, with the rig that both fly.
@@ -138,7 +139,7 @@ fn pairs<'a>(
         let index = (seed as usize - 1).min(flights.plans.len() - 1);
         let theirs = (&flights.plans[index], &qualities[index]);
         let ours = match method {
-            Method::Refined => match_goal(&rival, ours.settings.refine.rounds, seed.into(), theirs.1, stop)?,
+            Method::Refined => match_goal(&rival, rounds(&ours.settings, &rig), seed.into(), theirs.1, stop)?,
             _ => match_completeness(&rival, grid, seed.into(), theirs.1, stop)?,
         };
         let selected = quality::shots(&ours.plan, Which::Selected);
@@ -148,6 +149,11 @@ fn pairs<'a>(
     };
     let found: Vec<Result<Pair, PlanError>> = (1..=seeds).into_par_iter().map(pair).collect();
     if stop.is_stopped() { Err(ReproductionError::Stopped) } else { Ok(found) }
+}
+
+/// Rounds of a refined flight: with several cameras a round takes longer.
+fn rounds(settings: &Settings, rig: &Rig) -> u32 {
+    if rig.camera_count() > 1 { settings.refine.rounds / 2 } else { settings.refine.rounds }
 }
 
 fn add_row(table: &mut Table, theirs: &Trial, method: Method, pairs: &[Pair]) {
@@ -257,10 +263,11 @@ fn add_notes(study: &Study, table: &mut Table) {
     table.note("Their figures are of all seeds, ours, the ratio and what is common of the seeds that reach their Completeness.");
     table.note(format!(
         "Refined flights are asked for no covered hemisphere here (G = 0), but for a share of the samples in at least {} views that match: of four such \
-         shares, each nearer to their Completeness than the one before, the flight of the lowest time that is enough; seed {REFINED_SEEDS}, {} rounds, with \
-         five cameras N = {REFINED_SAMPLES}.",
+         shares, each nearer to their Completeness than the one before, the flight of the lowest time that is enough; seed {REFINED_SEEDS}, {} rounds with one \
+         camera, {} with five and N = {REFINED_SAMPLES}.",
         settings.quality.least_views,
-        settings.refine.rounds
+        settings.refine.rounds,
+        settings.refine.rounds / 2
     ));
     table.note(format!("Both fly the same cameras: against OP, ours have its {} mm lenses too.", settings.baseline.op_focal_mm));
     table.note("There is no chance in OP: it has one flight, which is held beside each seed of ours.");

@@ -105,9 +105,9 @@ impl FreeSpace {
         self.zone_between(a, b)
     }
 
-    /// Whether both have the same limits, zones and safety distance: then they differ by their structures alone.
+    /// Whether both have the same zones and safety distance: then they differ by their structures, and the limits that follow from these, alone.
     pub fn has_rules_of(&self, other: &Self) -> bool {
-        self.limits == other.limits && self.zones == other.zones && self.safety_distance_m == other.safety_distance_m
+        self.zones == other.zones && self.safety_distance_m == other.safety_distance_m
     }
 
     /// The no-fly zone that the straight line from `a` to `b` enters, if any.

@@ -1,5 +1,6 @@
 //! Loading a scene, sampling it, and building its view information field.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -72,6 +73,20 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
             Row { step: "rays", unit: "million/s", values: rate, limit: "8 parry, 12 CWBVH, 50 walls" },
         ],
     })
+}
+
+/// The same of a scene by itself, ms, `rounds` times.
+pub fn update_and_rebuild_ms(file: &Path, bytes: &[u8], settings: &Settings, rounds: u32) -> Result<[Vec<f64>; 2], Failure> {
+    let stop = StopToken::default();
+    let (scene, _) = scene::read(&file.to_string_lossy(), bytes, &settings.proxy)?;
+    let session = Session::new(scene, Arc::new(settings.clone()), &stop)?;
+    let earlier = session.survey(&stop)?.into_snapshot(&stop)?;
+    let mut times: [Vec<f64>; 2] = Default::default();
+    for round in 1..=rounds {
+        let measured = edit_times(&session, &earlier, round, &stop)?;
+        measured.iter().zip(&mut times).for_each(|(time, times)| times.push(time.as_secs_f64() * 1e3));
+    }
+    Ok(times)
 }
 
 /// How long the field takes after one structure was raised: from the field before, and anew. Another structure in each round.

@@ -63,12 +63,12 @@ fn row(step: &'static str, unit: &'static str, unit_ns: f64, nanoseconds: &[u64]
 }
 
 /// Settings on disk for as long as a daemon needs to read them.
-struct SettingsFile {
-    path: PathBuf,
+pub struct SettingsFile {
+    pub path: PathBuf,
 }
 
 impl SettingsFile {
-    fn write(settings: &Settings) -> Result<Self, Failure> {
+    pub fn write(settings: &Settings) -> Result<Self, Failure> {
         let path = std::env::temp_dir().join(format!("overfly-bench-{}.toml", std::process::id()));
         let text =
             toml::to_string(settings).map_err(|error| Failure::Unexpected(format!("the settings cannot be written: {error}")))?;

@@ -2,6 +2,7 @@
 
 mod field;
 mod ipc;
+mod replan;
 mod search;
 
 use serde_json::{Value, json};
@@ -16,6 +17,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Answer, Failure> {
         Subject::Field => field::run(arguments, form)?,
         Subject::Search => search::run(arguments, form)?,
         Subject::Ipc => ipc::run(arguments, form)?,
+        Subject::Replan => replan::run(arguments, form)?,
     };
     Ok(report.answer())
 }
@@ -81,6 +83,7 @@ impl Row {
             "unit": self.unit,
             "median": self.median(),
             "p99": self.quantile(0.99),
+            "max": self.quantile(1.0),
             "spread": self.quantile(0.9) - self.quantile(0.1),
             "repeats": self.values.len(),
             "limit": self.limit,

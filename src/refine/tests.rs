@@ -198,7 +198,7 @@ fn every_waypoint_and_leg_keeps_the_limits_and_a_fixed_start_stays() {
 fn the_samples_of_a_thinned_ground_are_counted_as_on_the_whole_one() {
     for_every_rig(|ground, path, _, _| {
         let thinned = ground.thinned(3);
-        let is_in = |i: &&u32| **i % 3 == 0;
+        let is_in = |i: &&u32| i.is_multiple_of(3);
         assert_eq!(thinned.wanted, ground.wanted.iter().filter(is_in).copied().collect::<Vec<_>>());
         let [whole, part] = [ground, &thinned].map(|ground| Flight::new(ground, path));
         let mut worth = Worth::default();

@@ -177,7 +177,7 @@ fn far_off(number: u32, field: &FieldTable, plan: &PlanTable) -> Result<EditOrde
     let farthest = field.structures.iter().filter(is_high).max_by(|a, b| away_m(a).total_cmp(&away_m(b)));
     let farthest = farthest.ok_or_else(|| Failure::Unexpected("no structure is high enough to be lowered".to_owned()))?;
     let structure = field.name(farthest).into_owned();
-    Ok(if number / 3 % 2 == 0 {
+    Ok(if (number / 3).is_multiple_of(2) {
         EditOrder::Raise { structure, by_m: STEP_M }
     } else {
         EditOrder::Lower { structure, by_m: STEP_M }

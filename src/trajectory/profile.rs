@@ -109,13 +109,16 @@ impl Profile {
     /// When the drone is `flown_m` from the start of a leg, s since the start of the flight. A place that an arc cuts off is passed on
     /// the arc; at a stop it is the time of arrival.
     pub fn time_at_s(&self, leg: usize, flown_m: f64) -> f64 {
-        self.legs.get(leg).map_or(0.0, |leg| leg.time_at_s(flown_m))
+        self.legs.get(leg).map_or(0.0, |leg| leg.passing(flown_m).0)
     }
 
     /// The drone when it is `flown_m` from the start of a leg; `None` for a path without waypoints or a leg that it does not have.
     pub fn passing(&self, leg: usize, flown_m: f64) -> Option<Passage> {
         match self.legs.get(leg) {
-            Some(timed) => Some(self.passage(leg, timed.time_at_s(flown_m), timed.part_of(flown_m))),
+            Some(timed) => {
+                let (time_s, part) = timed.passing(flown_m);
+                Some(self.passage(leg, time_s, part))
+            }
             None => self.resting().filter(|_| leg == 0),
         }
     }
@@ -210,26 +213,22 @@ impl TimedLeg {
         self.start_s + self.arc_s[0] + self.straight.duration_s() + self.arc_s[1]
     }
 
-    fn time_at_s(&self, flown_m: f64) -> f64 {
-        match self.part_of(flown_m) {
-            Part::FirstArc(share) => self.start_s + self.arc_s[0] * share,
-            Part::Straight(motion) => self.start_s + self.arc_s[0] + self.straight.time_at_s(motion.flown_m),
-            Part::LastArc(share) => self.start_s + self.arc_s[0] + self.straight.duration_s() + self.arc_s[1] * share,
-        }
-    }
-
-    /// The part on which a place of the leg is passed.
-    fn part_of(&self, flown_m: f64) -> Part {
+    /// When a place of the leg is passed, s, and the part on which that is.
+    fn passing(&self, flown_m: f64) -> (f64, Part) {
         let [first_m, last_m] = self.cut_m;
         let flown_m = flown_m.clamp(0.0, self.length_m);
         let into_last_m = flown_m - (self.length_m - last_m);
         if flown_m < first_m {
-            Part::FirstArc(flown_m / first_m)
+            let share = flown_m / first_m;
+            (self.start_s + self.arc_s[0] * share, Part::FirstArc(share))
         } else if into_last_m > 0.0 {
-            Part::LastArc((into_last_m / last_m).min(1.0))
+            let share = (into_last_m / last_m).min(1.0);
+            (self.start_s + self.arc_s[0] + self.straight.duration_s() + self.arc_s[1] * share, Part::LastArc(share))
         } else {
-            let motion = self.straight.motion_at(self.straight.time_at_s(flown_m - first_m));
-            Part::Straight(Motion { flown_m: flown_m - first_m, ..motion })
+            let flown_m = flown_m - first_m;
+            let straight_s = self.straight.time_at_s(flown_m);
+            let motion = Motion { flown_m, ..self.straight.motion_at(straight_s) };
+            (self.start_s + self.arc_s[0] + straight_s, Part::Straight(motion))
         }
     }
 

@@ -35,6 +35,8 @@ const MOST_STEPS: u32 = 40;
 const LENGTH_TOLERANCE: f64 = 1e-13;
 /// Halvings of the time at which a place is passed: more than an f64 has digits.
 const HALVINGS: u32 = 64;
+/// Newton's steps before them; most places lie where the speed is constant and take one.
+const NEWTON_STEPS: u32 = 4;
 
 impl Ramp {
     /// Time of a change of speed, s.
@@ -192,21 +194,50 @@ impl Straight {
         Motion { flown_m: motion.flown_m.clamp(0.0, self.length_m), ..motion }
     }
 
-    /// Time after `flown_m` of the part, s.
+    /// Time after `flown_m` of the part, s, to its last digits.
     pub fn time_at_s(&self, flown_m: f64) -> f64 {
         if flown_m >= self.length_m {
             return self.duration_s();
         }
-        let (mut early_s, mut late_s) = (0.0, self.duration_s());
+        if flown_m <= 0.0 {
+            return 0.0;
+        }
+        let mut between_s = [0.0, self.duration_s()];
+        self.close_in(flown_m, &mut between_s);
         for _ in 0..HALVINGS {
+            let [early_s, late_s] = between_s;
             let middle_s = (early_s + late_s) / 2.0;
-            if self.motion_at(middle_s).flown_m < flown_m {
-                early_s = middle_s;
-            } else {
-                late_s = middle_s;
+            if middle_s <= early_s || middle_s >= late_s {
+                break;
+            }
+            self.part(flown_m, middle_s, &mut between_s);
+        }
+        between_s[1]
+    }
+
+    /// Closes in on the time of a place by Newton's steps, and from both sides of where they lead to.
+    fn close_in(&self, flown_m: f64, between_s: &mut [f64; 2]) {
+        let duration_s = between_s[1];
+        let mut time_s = duration_s * flown_m / self.length_m;
+        for _ in 0..NEWTON_STEPS {
+            let motion = self.part(flown_m, time_s, between_s);
+            let next_s = time_s + (flown_m - motion.flown_m) / motion.speed_mps;
+            time_s = if next_s > between_s[0] && next_s < between_s[1] { next_s } else { (between_s[0] + between_s[1]) / 2.0 };
+        }
+        for margin in [1e-15, 1e-12] {
+            for side_s in [time_s - margin * duration_s, time_s + margin * duration_s] {
+                if side_s > between_s[0] && side_s < between_s[1] {
+                    self.part(flown_m, side_s, between_s);
+                }
             }
         }
-        if flown_m > 0.0 { late_s } else { 0.0 }
+    }
+
+    /// Where the drone is at a time, which is made the new end of its side of `flown_m`.
+    fn part(&self, flown_m: f64, time_s: f64, between_s: &mut [f64; 2]) -> Motion {
+        let motion = self.motion_at(time_s);
+        between_s[usize::from(motion.flown_m >= flown_m)] = time_s;
+        motion
     }
 }
 
@@ -290,6 +321,13 @@ mod tests {
                 let flown_m = length_m * f64::from(k) / 20.0;
                 let time_s = straight.time_at_s(flown_m);
                 prop_assert!((straight.motion_at(time_s).flown_m - flown_m).abs() < 1e-7 * (1.0 + length_m));
+                let (mut early_s, mut late_s) = (0.0, straight.duration_s());
+                for _ in 0..80 {
+                    let middle_s = (early_s + late_s) / 2.0;
+                    let is_early = straight.motion_at(middle_s).flown_m < flown_m;
+                    *(if is_early { &mut early_s } else { &mut late_s }) = middle_s;
+                }
+                prop_assert!(k == 0 || (time_s - late_s).abs() <= 1e-13 * straight.duration_s().max(1.0), "{time_s} s against {late_s} s");
             }
         }
 

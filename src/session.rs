@@ -143,6 +143,7 @@ impl Session {
             sites,
             earlier,
             unions: Vec::new(),
+            seen: None,
         })
     }
 

@@ -125,6 +125,8 @@ fn random_messages_neither_stop_the_daemon_nor_change_a_plan() {
                 correlation,
                 body_bytes,
                 bulk_bytes,
+                follows: epoch,
+                first_changed: magic,
             };
             let room = words.len() as u64 * 64;
             let plausible = Header { client: 7, correlation, body_bytes: body_bytes % (room + 1), ..Header::new(Kind::Request) };

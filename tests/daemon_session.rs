@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use overfly::mission::plan_table;
 use overfly::scene::{BlockSettings, generate_block, write};
-use overfly_client::{EditOrder, RefusalCode, SceneState, Stage};
+use overfly_client::{EditOrder, PlanMessage, PlanOrder, RefusalCode, SceneState, Stage};
 use served::{PATIENCE, Served, block, endless, load, quick, refusal, wait_for};
 
 #[test]
@@ -38,11 +38,76 @@ fn one_client_plans_and_edits_while_another_watches() {
     let repaired = watch.next(PATIENCE).unwrap().expect("the flight of before is repaired");
     assert_eq!((repaired.table().facts.revision, repaired.table().facts.stop, repaired.asked_by()), (2, 6, (0, 0)));
     assert!(plan.epoch() < repaired.epoch() && repaired.epoch() < replan.epoch());
+    // Each says where it leaves the one before.
+    assert_eq!(plan.differs_from(), None);
+    for (earlier, later) in [(&plan, &repaired), (&repaired, &replan)] {
+        let (epoch, first) = later.differs_from().expect("it follows another one");
+        let [before, now] = [earlier, later].map(|plan| plan.table().waypoints.to_vec());
+        assert!(epoch == earlier.epoch() && before[..first] == now[..first]);
+        assert!(before == now || before.get(first) != now.get(first));
+    }
     let seen = watch.next(PATIENCE).unwrap().expect("the replan is published to everybody");
     assert_eq!(seen.epoch(), replan.epoch());
 
     let raised = observer.structures("block").unwrap().into_iter().find(|known| known.id == tallest.id).unwrap();
     assert!((raised.top_m - tallest.top_m - 15.0).abs() < 1e-9, "{raised:?} after {tallest:?}");
+}
+
+#[test]
+fn better_flights_are_published_while_the_search_goes_on() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    let order = PlanOrder { iterations: Some(60), goal_percent: Some(90.0), ..Default::default() };
+    client.plan("block", &order, &mut |_| {}).unwrap();
+    let watch = client.watch("block").unwrap();
+    let structure = client.structures("block").unwrap()[0].name.clone();
+    let edited = client.edit("block", &EditOrder::Raise { structure, by_m: 6.0 }).unwrap();
+    let mut plans = Vec::new();
+    while plans.last().is_none_or(|plan: &PlanMessage| plan.asked_by().0 == 0) {
+        plans.push(watch.next(PATIENCE).unwrap().expect("a last plan"));
+    }
+    let stops: Vec<u64> = plans.iter().map(|plan| plan.table().facts.stop).collect();
+    assert!(stops[0] == 6 && stops.len() > 2 && stops[1..stops.len() - 1].iter().all(|stop| *stop == 7), "{stops:?}");
+    assert!(plans.iter().all(|plan| plan.table().facts.revision == edited.revision));
+    let figures = |plan: &PlanMessage| plan.table().facts.metrics;
+    for pair in plans[..plans.len() - 1].windows(2) {
+        let [before, now] = [figures(&pair[0]), figures(&pair[1])];
+        assert!(
+            now.profile_s < before.profile_s
+                || now.coverage_percent > before.coverage_percent
+                || now.matched_percent > before.matched_percent
+        );
+    }
+}
+
+#[test]
+fn an_edit_after_which_nothing_can_be_flown_for_is_told_to_everybody() {
+    let served = Served::start();
+    let client = served.client();
+    load(&client, "block");
+    // Only one structure counts, and then it is gone.
+    let map = client.field("block").unwrap();
+    let table = map.table();
+    let alone = table.structures.iter().find_map(|row| {
+        let own = row.first_sample as usize..(row.first_sample + row.samples) as usize;
+        let along = |axis: usize| table.samples[own.clone()].iter().map(move |sample| sample.position_m[axis]);
+        let ends = |axis: usize| along(axis).fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
+        let ends = [ends(0), ends(1)].map(|[low, high]| [low - 0.01, high + 0.01]);
+        let is_in = |i: usize| (0..2).all(|axis| (ends[axis][0]..=ends[axis][1]).contains(&table.samples[i].position_m[axis]));
+        let is_alone = !own.is_empty() && (0..table.samples.len()).filter(|i| !own.contains(i)).all(|i| !is_in(i));
+        is_alone.then(|| (table.name(row).into_owned(), ends))
+    });
+    let (structure, [[west, east], [south, north]]) = alone.expect("some structure stands apart");
+    let region_m = vec![[west, south], [east, south], [east, north], [west, north]];
+    let plan = client.plan("block", &PlanOrder { region_m, ..quick() }, &mut |_| {}).unwrap();
+    let watch = client.watch("block").unwrap();
+    let edited = client.edit("block", &EditOrder::Remove { structure }).unwrap();
+    let told = watch.next(PATIENCE).unwrap().expect("everybody is told");
+    assert!(told.infeasible().is_some_and(|reason| reason.contains("captured")), "{:?}", told.infeasible());
+    assert_eq!((told.table().facts.revision, told.table().waypoints.len()), (edited.revision, 0));
+    assert_eq!(told.differs_from(), Some((plan.epoch(), 0)));
+    assert_eq!(refusal(client.await_replan(&edited, PATIENCE, &mut |_| {})).0, RefusalCode::Plan);
 }
 
 #[test]

@@ -2,15 +2,14 @@
 
 mod support;
 
-use std::sync::Mutex;
-
 use geo::polygon;
 use overfly::camera::{Pose, Rig};
-use overfly::planner::{Method, PlanOptions, StopToken, plan, replan};
+use overfly::planner::{Made, Method, PlanOptions, StopToken, plan, replan};
 use overfly::scene::edit::Edit;
-use overfly::session::Session;
+use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
 use overfly::trajectory::plan::{Plan, StopReason};
+use overfly::trajectory::record::Record;
 use overfly::trajectory::safety;
 use proptest::prelude::*;
 use support::{rigs, session, small_block, small_settings, snapshot, snapshot_after};
@@ -23,26 +22,29 @@ fn poses(plan: &Plan) -> Vec<Pose> {
     plan.waypoints.iter().map(|waypoint| Pose { position: waypoint.position_m, direction: waypoint.direction }).collect()
 }
 
-/// The repaired plan, if there was one, and the plan.
-fn planned(snapshot: &overfly::session::Snapshot, settings: &Settings, options: &PlanOptions) -> (Option<Plan>, Plan) {
-    let repaired = Mutex::new(None);
-    let on_repaired = &mut |plan| *repaired.lock().unwrap() = Some(plan);
-    let plan = replan(snapshot, settings, options, &StopToken::default(), &mut |_| {}, on_repaired).expect("it can be flown");
-    (repaired.into_inner().unwrap(), plan)
+/// The plans that came before the last one, the repaired one first, and the last one.
+fn planned(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions) -> (Vec<Plan>, Plan) {
+    let mut interim = Vec::new();
+    let on_interim = &mut |made: Made| interim.push(made.plan);
+    let made =
+        replan(snapshot, settings, options, None, &StopToken::default(), &mut |_| {}, on_interim).expect("it can be flown");
+    let expected = |k: usize| if k == 0 { StopReason::Repaired } else { StopReason::Improved };
+    assert!(interim.iter().enumerate().all(|(k, plan)| plan.stop == expected(k)));
+    (interim, made.plan)
 }
 
 /// A pillar around the middle of the longest leg, as far up as flights go: the flight before is not safe any more.
-fn pillar_on(plan: &Plan) -> Edit {
+fn pillar_on(plan: &Plan, number: usize) -> Edit {
     let length = |k: &usize| (plan.waypoints[k + 1].position_m - plan.waypoints[*k].position_m).norm();
     let longest = (0..plan.waypoints.len() - 1).max_by(|a, b| length(a).total_cmp(&length(b))).unwrap();
     let middle = nalgebra::center(&plan.waypoints[longest].position_m, &plan.waypoints[longest + 1].position_m);
     let (x, y) = (middle.x, middle.y);
     let footprint =
         polygon![(x: x - 1.0, y: y - 1.0), (x: x + 1.0, y: y - 1.0), (x: x + 1.0, y: y + 1.0), (x: x - 1.0, y: y + 1.0)];
-    Edit::Add { name: "pillar".into(), footprint, base_m: 0.0, top_m: middle.z + 1.0 }
+    Edit::Add { name: format!("pillar-{number}"), footprint, base_m: 0.0, top_m: middle.z + 1.0 }
 }
 
-fn is_safe(plan: &Plan, snapshot: &overfly::session::Snapshot) -> bool {
+fn is_safe(plan: &Plan, snapshot: &Snapshot) -> bool {
     let profile = plan.profile().expect("a plan says how it was timed");
     safety::check(profile.curve(), &snapshot.free).is_ok()
 }
@@ -54,15 +56,14 @@ fn a_flight_that_an_edit_blocks_is_flown_around_it_and_then_improved() {
         let mut edited: Session = session(small_block(2), &settings);
         let before = snapshot(&edited);
         let first = plan(&before, &settings, &options(&rig, 60), &StopToken::default(), &mut |_| {}).unwrap();
-        edited.apply(&pillar_on(&first)).expect("there is room for a pillar");
+        edited.apply(&pillar_on(&first, 0)).expect("there is room for a pillar");
         let after = snapshot_after(&edited, &before);
         assert!(!is_safe(&first, &after), "{}: the pillar stands on the flight", rig.name);
 
         let again = PlanOptions { earlier: Some(poses(&first)), ..options(&rig, 10) };
-        let (repaired, second) = planned(&after, &settings, &again);
-        let repaired = repaired.expect("most of the flight is left");
-        assert_eq!(repaired.stop, StopReason::Repaired);
-        for plan in [&repaired, &second] {
+        let (interim, second) = planned(&after, &settings, &again);
+        let repaired = interim.first().expect("most of the flight is left");
+        for plan in interim.iter().chain([&second]) {
             assert!(is_safe(plan, &after) && plan.scene.revision == 2, "{}", rig.name);
         }
         let (old, new) = (first.metrics.coverage_percent, repaired.metrics.coverage_percent);
@@ -95,9 +96,51 @@ proptest! {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| planned(&after, &settings, &again))
         };
-        let (repaired, second) = on(1);
-        prop_assert!(repaired.iter().chain([&second]).all(|plan| is_safe(plan, &after)));
-        prop_assert_eq!(on(3), (repaired, second));
+        let (interim, second) = on(1);
+        prop_assert!(interim.iter().chain([&second]).all(|plan| is_safe(plan, &after)));
+        prop_assert_eq!(on(3), (interim, second));
+    }
+}
+
+/// The repaired flight alone, with what its images see.
+fn repaired(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions, record: Option<Record>) -> Option<Made> {
+    let (mut repaired, stop) = (None, StopToken::default());
+    let on_interim = &mut |made: Made| {
+        repaired = Some(made);
+        // What follows is not looked at.
+        stop.abandon();
+    };
+    let made = replan(snapshot, settings, options, record, &stop, &mut |_| {}, on_interim);
+    assert!(repaired.is_none() || made.is_err());
+    repaired
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn what_the_images_saw_before_an_edit_changes_nothing_but_the_time(seed in 0u64..1000, rig in proptest::sample::select(rigs()), edits in 3usize..9) {
+        use rand_core::SeedableRng;
+        let settings = small_settings();
+        let mut edited = session(small_block(seed % 5), &settings);
+        let mut latest = snapshot(&edited);
+        let first = options(&rig, 12);
+        let mut made = replan(&latest, &settings, &first, None, &StopToken::default(), &mut |_| {}, &mut |_| {}).unwrap();
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        for number in 0..edits {
+            let edit = if number % 3 == 0 { pillar_on(&made.plan, number) } else { support::random_edit(edited.scene(), &mut random) };
+            if edited.apply(&edit).is_err() {
+                continue;
+            }
+            let after = snapshot_after(&edited, &latest);
+            let again = PlanOptions { earlier: Some(poses(&made.plan)), ..options(&rig, 1) };
+            let anew = repaired(&after, &settings, &again, None);
+            let followed = repaired(&after, &settings, &again, Some(made.record));
+            prop_assert_eq!(anew.as_ref().map(|made| &made.plan), followed.as_ref().map(|made| &made.plan));
+            match followed {
+                Some(repaired) => (latest, made) = (after, repaired),
+                None => break,
+            }
+        }
     }
 }
 
@@ -110,5 +153,5 @@ fn the_flight_of_another_rig_is_not_gone_on_with() {
     let cold = planned(&snapshot, &settings, &options(&gimbal, 10));
     let again = PlanOptions { earlier: Some(poses(&first)), ..options(&gimbal, 10) };
     assert_eq!(planned(&snapshot, &settings, &again), cold);
-    assert!(cold.0.is_none());
+    assert!(cold.0.is_empty());
 }

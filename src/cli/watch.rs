@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use overfly_client::{Client, PlanMessage};
+use serde_json::json;
 
 use super::answer::{Answer, Form};
 use super::arguments::WatchArgs;
@@ -35,6 +36,11 @@ pub fn run(arguments: &WatchArgs, form: Form) -> Result<(), Failure> {
 }
 
 fn show(client: &Client, arguments: &WatchArgs, message: &PlanMessage, form: Form) -> Result<Answer, Failure> {
+    if let Some(reason) = message.infeasible() {
+        let revision = message.table().facts.revision;
+        let text = format!("revision {revision}: no flight, do not fly the plan before: {reason}");
+        return Ok(Answer { text, json: json!({ "revision": revision, "infeasible": reason }) });
+    }
     let (plan, times) = daemon::plan_of(message)?;
     let flight = daemon::flight(&plan, times, None, None);
     let mut files: Vec<PathBuf> = Vec::new();
@@ -44,12 +50,24 @@ fn show(client: &Client, arguments: &WatchArgs, message: &PlanMessage, form: For
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
-    Ok(Answer { text: line(&plan, times.total_s), json: outputs::figures_json(&flight, &files) })
+    let mut text = line(&plan, times.total_s);
+    let mut json = outputs::figures_json(&flight, &files);
+    json["epoch"] = message.epoch().into();
+    if let Some((epoch, waypoint)) = message.differs_from() {
+        text += &format!("; as plan {epoch} before waypoint {waypoint}");
+        json["follows"] = epoch.into();
+        json["first_changed_waypoint"] = waypoint.into();
+    }
+    Ok(Answer { text, json })
 }
 
 fn line(plan: &Plan, total_s: f64) -> String {
     let metrics = &plan.metrics;
-    let follows = if plan.stop == StopReason::Repaired { "; repaired after an edit, a better one follows" } else { "" };
+    let follows = match plan.stop {
+        StopReason::Repaired => "; repaired after an edit, a better one follows",
+        StopReason::Improved => "; improved after an edit, the search goes on",
+        _ => "",
+    };
     format!(
         "revision {}: {:.1} % of capturable, {:.0} m, {} waypoints, flight {:.0} s; planned in {total_s:.3} s{follows}",
         plan.scene.revision,

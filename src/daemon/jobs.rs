@@ -16,12 +16,12 @@ use super::field_channel::{FieldChannel, FieldChannelError, FilledField};
 use super::scene_file::{self, SceneFile};
 use super::scenes::Cause;
 use super::wake::Mail;
-use crate::mission::plan_table;
-use crate::planner::{self, PlanError, PlanOptions, Progress, StopToken};
+use crate::planner::{self, Made, PlanError, PlanOptions, Progress, StopToken};
 use crate::scene::Scene;
 use crate::session::{FieldError, Session, Snapshot, Survey};
 use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, RunTimes};
+use crate::trajectory::record::Record;
 
 /// Shortest time between two progress notes.
 const NOTE_GAP: Duration = Duration::from_millis(25);
@@ -37,21 +37,21 @@ pub struct News {
     pub kind: NewsKind,
 }
 
-/// The last news of a job is everything but progress and a repaired plan.
+/// The last news of a job is everything but progress and a plan on the way.
 #[derive(Debug)]
 pub enum NewsKind {
     Progress(ProgressNote),
     Read(Box<SceneFile>),
     Built(Box<BuiltField>),
     /// A plan that comes before the one that the job is for: not the last news.
-    Repaired(PlannedFlight),
+    Interim(PlannedFlight),
     Planned(PlannedFlight),
     Failed(Failure),
 }
 
 impl NewsKind {
     pub fn is_last(&self) -> bool {
-        !matches!(self, Self::Progress(_) | Self::Repaired(_))
+        !matches!(self, Self::Progress(_) | Self::Interim(_))
     }
 }
 
@@ -72,10 +72,13 @@ pub struct BuiltField {
     pub field_s: f64,
 }
 
-/// A plan as it will be published.
+/// A plan that will be published.
 #[derive(Debug)]
 pub struct PlannedFlight {
-    pub table: Vec<Block>,
+    pub plan: Plan,
+    pub times: RunTimes,
+    /// What its images see, for the plan after the next edit.
+    pub record: Record,
     /// How it differs from what was ordered.
     pub remark: Option<String>,
 }
@@ -116,6 +119,8 @@ pub struct Flight {
     pub snapshot: Snapshot,
     pub settings: Arc<Settings>,
     pub options: PlanOptions,
+    /// What the images of the flight see that the options go on with.
+    pub record: Option<Record>,
     pub cause: Cause,
     /// Time that building the field took when that belongs to this request, s.
     pub field_s: f64,
@@ -144,7 +149,7 @@ impl Workshop {
 
     /// Plans one flight.
     pub fn plan(&self, assignment: Assignment, flight: Flight) {
-        self.spawn(assignment, move |workshop, assignment| workshop.plan_flight(assignment, &flight).map(NewsKind::Planned));
+        self.spawn(assignment, move |workshop, assignment| workshop.plan_flight(assignment, flight).map(NewsKind::Planned));
     }
 
     fn build_field(&self, assignment: &Assignment, source: FieldSource, channel: &FieldChannel) -> Result<BuiltField, Failure> {
@@ -172,8 +177,10 @@ impl Workshop {
         Ok(BuiltField { session, survey, filled, field_s: started.elapsed().as_secs_f64() })
     }
 
-    fn plan_flight(&self, assignment: &Assignment, flight: &Flight) -> Result<PlannedFlight, Failure> {
+    fn plan_flight(&self, assignment: &Assignment, mut flight: Flight) -> Result<PlannedFlight, Failure> {
         let started = Instant::now();
+        let mut record = flight.record.take();
+        let flight = &flight;
         let (mut noted, mut searched) = (None::<Instant>, started);
         let mut on_progress = |progress: &Progress| {
             searched = Instant::now();
@@ -183,24 +190,25 @@ impl Workshop {
                 self.post(assignment, NewsKind::Progress(note(assignment, progress)));
             }
         };
-        let mut on_repaired = |plan: Plan| {
-            let table = plan_table::to_blocks(&plan, &times(assignment, flight, started, started));
-            self.post(assignment, NewsKind::Repaired(PlannedFlight { table, remark: None }));
+        let mut on_interim = |Made { plan, record }: Made| {
+            let times = times(assignment, flight, started, Instant::now());
+            self.post(assignment, NewsKind::Interim(PlannedFlight { plan, times, record, remark: None }));
         };
         let mut search = |options: &PlanOptions| {
             let stop = &assignment.stop;
-            planner::replan(&flight.snapshot, &flight.settings, options, stop, &mut on_progress, &mut on_repaired)
+            let record = record.take();
+            planner::replan(&flight.snapshot, &flight.settings, options, record, stop, &mut on_progress, &mut on_interim)
         };
-        let (plan, remark) = match (search(&flight.options), flight.cause) {
+        let (Made { plan, record }, remark) = match (search(&flight.options), flight.cause) {
             // The start is that of an earlier order, and nobody asked for it in the scene as it is now.
             (Err(error @ PlanError::Start { .. }), Cause::Edit) => {
                 let remark = format!("since an edit {}; another start was chosen", without_remedy(&error));
                 (search(&PlanOptions { start_m: None, ..flight.options.clone() })?, Some(remark))
             }
-            (plan, _) => (plan?, short_sight(flight)),
+            (made, _) => (made?, short_sight(flight)),
         };
-        let table = plan_table::to_blocks(&plan, &times(assignment, flight, started, searched));
-        Ok(PlannedFlight { table, remark })
+        let times = times(assignment, flight, started, searched);
+        Ok(PlannedFlight { plan, times, record, remark })
     }
 
     /// Runs `work` on a thread of its own, as soon as there is one. A panic in it is a defect that costs the request, not the daemon.

@@ -93,11 +93,10 @@ impl Ports {
         self.send(&self.replies, header, frame::blocks(body.len(), 0), |blocks| frame::fill(blocks, &body, &[])).map_err(failed)
     }
 
-    /// Publishes a plan to everybody.
-    pub fn publish_plan(&self, header: Header, plan: &[Block]) -> Result<(), SendError> {
-        let header = Header { bulk_bytes: std::mem::size_of_val(plan) as u64, ..header };
-        self.send(&self.plans, header, plan.len(), |blocks| blocks.copy_from_slice(plan))
-            .map_err(|cause| SendError { what: "a plan", cause })
+    /// Publishes a plan of so many blocks to everybody; `write` puts it where it will be read.
+    pub fn publish_plan(&self, header: Header, blocks: usize, write: impl FnOnce(&mut [Block])) -> Result<(), SendError> {
+        let header = Header { bulk_bytes: (blocks * Block::BYTES) as u64, ..header };
+        self.send(&self.plans, header, blocks, write).map_err(|cause| SendError { what: "a plan", cause })
     }
 
     /// Publishes the status to everybody.

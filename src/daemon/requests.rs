@@ -67,8 +67,7 @@ impl Daemon {
                 let last = self.slot(scene)?.last_plan.as_ref();
                 let message = || format!("the scene {scene:?} has no plan; ask for one with `overfly plan {scene}`");
                 let last = last.ok_or_else(|| Refusal::new(RefusalCode::UnknownScene, message()))?;
-                let sent = ports.publish_plan(last.header, &last.table);
-                sent.map_err(|error| Refusal::new(RefusalCode::Memory, error.to_string()))?;
+                last.publish(ports).map_err(|error| Refusal::new(RefusalCode::Memory, error.to_string()))?;
                 Reply::Planned { epoch: last.header.epoch }
             }
             Request::Outcome { correlation } => {

@@ -2,17 +2,18 @@
 
 use std::sync::Arc;
 
-use overfly_table::{Block, PlanTable};
 use overfly_wire::{Header, Kind, Loaded, Refusal, RefusalCode, Reply, message};
 
 use super::edits::PendingEdit;
 use super::field_channel::FieldChannel;
 use super::jobs::{BuiltField, Failure, FieldSource, JobId, News, NewsKind, PlannedFlight};
 use super::ledger::Ticket;
-use super::ports::Ports;
+use super::ports::{Ports, SendError};
 use super::scene_file::SceneFile;
 use super::scenes::{Cause, Current, FieldFigures, LastPlan, Load, Orders, Queued, Search, Slot, Task};
 use super::state::{Daemon, Reading, stopping, tell};
+use crate::mission::plan_table;
+use crate::trajectory::plan::{Plan, RunTimes};
 
 impl Daemon {
     /// Reacts to the news of one job. News of a job that something newer has replaced are dropped, and their memory with them.
@@ -28,7 +29,7 @@ impl Daemon {
         let Some(scene) = self.owners.get(&news.job).cloned() else { return };
         match news.kind {
             NewsKind::Progress(_) => return self.on_progress(ports, &scene, &news),
-            NewsKind::Repaired(flight) => return self.on_repaired(ports, &scene, flight),
+            NewsKind::Interim(flight) => return self.on_interim(ports, &scene, flight),
             _ => {}
         }
         self.owners.remove(&news.job);
@@ -37,7 +38,7 @@ impl Daemon {
             (NewsKind::Built(built), task) => self.on_built(ports, &scene, *built, task),
             (NewsKind::Planned(flight), Task::Search(search)) => self.on_planned(ports, &scene, flight, *search),
             (NewsKind::Failed(failure), task) => self.on_failed(ports, &scene, failure, task),
-            (NewsKind::Progress(_) | NewsKind::Repaired(_) | NewsKind::Read(_) | NewsKind::Planned(_), _) => {}
+            (NewsKind::Progress(_) | NewsKind::Interim(_) | NewsKind::Read(_) | NewsKind::Planned(_), _) => {}
         }
         self.advance(ports, &scene);
     }
@@ -56,7 +57,7 @@ impl Daemon {
                 }
             }
             NewsKind::Failed(failure) => self.on_unread(ports, news.job, failure),
-            NewsKind::Built(_) | NewsKind::Repaired(_) | NewsKind::Planned(_) => {}
+            NewsKind::Built(_) | NewsKind::Interim(_) | NewsKind::Planned(_) => {}
         }
     }
 
@@ -203,19 +204,11 @@ impl Daemon {
         if let Some(remark) = &flight.remark {
             tracing::warn!(scene, epoch, remark, "planned otherwise than ordered");
         }
-        let header = Header {
-            instance: self.instance,
-            epoch,
-            client: ticket.client,
-            correlation: ticket.correlation,
-            ..Header::new(Kind::Plan)
-        };
-        log_plan(scene, epoch, &flight.table);
-        let sent = ports.publish_plan(header, &flight.table);
+        let remark = flight.remark.clone();
+        let sent = self.publish_plan(ports, scene, epoch, Some(ticket), flight);
         if let Some(slot) = self.scenes.get_mut(scene) {
             slot.orders.prove(order);
-            slot.last_plan = Some(LastPlan { header, table: flight.table });
-            slot.remark = flight.remark;
+            slot.remark = remark;
         }
         match sent {
             Ok(()) => self.answer(ports, ticket, &Reply::Planned { epoch }, false),
@@ -223,18 +216,54 @@ impl Daemon {
         }
     }
 
-    /// Publishes what can still be flown after an edit. It answers nobody: the plan that was asked for comes later.
-    fn on_repaired(&mut self, ports: &Ports, scene: &str, flight: PlannedFlight) {
+    /// Publishes what can be flown so far after an edit. It answers nobody: the plan that was asked for comes later.
+    fn on_interim(&mut self, ports: &Ports, scene: &str, flight: PlannedFlight) {
         let epoch = self.next_epoch();
-        let header = Header { instance: self.instance, epoch, ..Header::new(Kind::Plan) };
-        log_plan(scene, epoch, &flight.table);
-        if let Err(error) = ports.publish_plan(header, &flight.table) {
-            tracing::warn!(scene, %error, "a repaired plan was not published");
-        }
-        if let Some(slot) = self.scenes.get_mut(scene) {
-            slot.last_plan = Some(LastPlan { header, table: flight.table });
+        if let Err(error) = self.publish_plan(ports, scene, epoch, None, flight) {
+            tracing::warn!(scene, %error, "a plan on the way was not published");
         }
         self.changed = true;
+    }
+
+    /// Publishes a plan, for whoever asked for it, and keeps it as the scene's last one.
+    fn publish_plan(
+        &mut self,
+        ports: &Ports,
+        scene: &str,
+        epoch: u64,
+        ticket: Option<Ticket>,
+        PlannedFlight { plan, times, record, .. }: PlannedFlight,
+    ) -> Result<(), SendError> {
+        log_plan(scene, epoch, &plan, &times);
+        let before = self.scenes.get(scene).and_then(|slot| slot.last_plan.as_ref());
+        let header = Header {
+            instance: self.instance,
+            epoch,
+            client: ticket.map_or(0, |ticket| ticket.client),
+            correlation: ticket.map_or(0, |ticket| ticket.correlation),
+            follows: before.map_or(0, |before| before.header.epoch),
+            first_changed: before.map_or(0, |before| before.first_changed(&plan)),
+            ..Header::new(Kind::Plan)
+        };
+        let last = LastPlan { header, plan, times, record: Some(record) };
+        let sent = last.publish(ports);
+        if let Some(slot) = self.scenes.get_mut(scene) {
+            slot.last_plan = Some(last);
+        }
+        sent
+    }
+
+    /// Tells everybody that there is no flight in the scene since an edit. The plan before is kept: a later edit may make it safe again.
+    fn publish_infeasible(&mut self, ports: &Ports, scene: &str, reason: &str) {
+        let epoch = self.next_epoch();
+        let Some(slot) = self.scenes.get(scene) else { return };
+        let revision = slot.current.as_ref().map_or(0, |current| current.session.revision());
+        let follows = slot.last_plan.as_ref().map_or(0, |before| before.header.epoch);
+        let header = Header { instance: self.instance, epoch, follows, ..Header::new(Kind::Plan) };
+        let table = plan_table::infeasible(scene, revision, reason);
+        if let Err(error) = ports.publish_plan(header, table.len(), |blocks| blocks.copy_from_slice(&table)) {
+            tracing::warn!(scene, %error, "it was not published that there is no flight");
+        }
     }
 
     fn on_failed(&mut self, ports: &Ports, scene: &str, failure: Failure, task: Task) {
@@ -248,6 +277,9 @@ impl Daemon {
                 if let Some(slot) = self.scenes.get_mut(scene).filter(|_| refusal.code == RefusalCode::Plan) {
                     slot.orders.take_back(&search.order);
                     slot.remark = (search.cause == Cause::Edit).then(|| format!("no plan since the edit: {refusal}"));
+                }
+                if search.cause == Cause::Edit && refusal.code == RefusalCode::Plan {
+                    self.publish_infeasible(ports, scene, &refusal.message);
                 }
                 self.refuse(ports, search.ticket, refusal);
             }
@@ -296,19 +328,18 @@ fn loaded(scene: &str, load: Load, figures: FieldFigures, field_bytes: u64, fiel
     }
 }
 
-fn log_plan(scene: &str, epoch: u64, table: &[Block]) {
-    let Ok(table) = PlanTable::open(table) else { return };
-    let facts = table.facts;
+fn log_plan(scene: &str, epoch: u64, plan: &Plan, times: &RunTimes) {
     tracing::info!(
         scene,
         epoch,
-        revision = facts.revision,
-        seed = facts.seed,
-        coverage_percent = facts.metrics.coverage_percent,
-        length_m = facts.metrics.length_m,
-        waypoints = facts.metrics.waypoints,
-        search_s = facts.search_s,
-        total_s = facts.total_s,
+        revision = plan.scene.revision,
+        seed = plan.seed,
+        stop = ?plan.stop,
+        coverage_percent = plan.metrics.coverage_percent,
+        length_m = plan.metrics.length_m,
+        waypoints = plan.waypoints.len(),
+        search_s = times.search_s,
+        total_s = times.total_s,
         "plan published"
     );
 }

@@ -3,17 +3,19 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use nalgebra::Unit;
-use overfly_table::plan::WaypointRow;
-use overfly_table::{Block, FieldTable, PlanTable};
+use overfly_table::{Block, FieldTable};
 use overfly_wire::{Header, PlanOrder, PlanSummary, SceneState, SceneStatus, StructureInfo};
 
 use super::edits::{Batch, Edits};
 use super::field_channel::FieldChannel;
 use super::jobs::{Assignment, JobId};
 use super::ledger::Ticket;
+use super::ports::{Ports, SendError};
 use crate::camera::Pose;
+use crate::mission::plan_table;
 use crate::session::{Session, Snapshot};
+use crate::trajectory::plan::{Plan, RunTimes, Waypoint};
+use crate::trajectory::record::Record;
 
 /// One scene: what is published of it, what is being made, and what comes after that. What is being made changes nothing of what
 /// is published before it stands.
@@ -111,7 +113,10 @@ pub struct Queued {
 /// The plan that was published last.
 pub struct LastPlan {
     pub header: Header,
-    pub table: Vec<Block>,
+    pub plan: Plan,
+    pub times: RunTimes,
+    /// What its images see; the search that goes on with it takes it along.
+    pub record: Option<Record>,
 }
 
 impl Orders {
@@ -200,7 +205,7 @@ impl Slot {
             capturable_percent: figures.map_or(0.0, |figures| figures.capturable_percent),
             field_bytes: self.current.as_ref().map_or(0, |current| current.field_bytes),
             state: self.state(),
-            plan: self.last_plan.as_ref().and_then(|plan| plan.summary(revision)),
+            plan: self.last_plan.as_ref().map(|plan| plan.summary(revision)),
             remark: self.remark.clone(),
         }
     }
@@ -235,25 +240,35 @@ impl FieldFigures {
 }
 
 impl LastPlan {
+    pub fn publish(&self, ports: &Ports) -> Result<(), SendError> {
+        let write = |blocks: &mut [Block]| plan_table::write(&self.plan, &self.times, blocks);
+        ports.publish_plan(self.header, plan_table::blocks(&self.plan), write)
+    }
+
     /// The waypoints that the next flight goes on with.
-    pub fn waypoints(&self) -> Option<Vec<Pose>> {
-        let table = PlanTable::open(&self.table).ok()?;
-        let direction = |row: &WaypointRow| (row.has_direction != 0).then(|| Unit::try_new(row.direction.into(), 1e-6)).flatten();
-        Some(table.waypoints.iter().map(|row| Pose { position: row.position_m.into(), direction: direction(row) }).collect())
+    pub fn waypoints(&self) -> Vec<Pose> {
+        let pose = |waypoint: &Waypoint| Pose { position: waypoint.position_m, direction: waypoint.direction };
+        self.plan.waypoints.iter().map(pose).collect()
+    }
+
+    /// The first waypoint of another plan that is not as in this one.
+    pub fn first_changed(&self, other: &Plan) -> u64 {
+        let same = self.plan.waypoints.iter().zip(&other.waypoints).take_while(|(own, other)| own == other);
+        same.count() as u64
     }
 
     /// Its figures in a scene that has this revision now.
-    fn summary(&self, scene_revision: u64) -> Option<PlanSummary> {
-        let facts = *PlanTable::open(&self.table).ok()?.facts;
-        Some(PlanSummary {
-            revision: facts.revision,
-            is_stale: facts.revision != scene_revision,
-            seed: facts.seed,
-            waypoints: facts.metrics.waypoints,
-            length_m: facts.metrics.length_m,
-            flight_s: facts.metrics.flight_s,
-            coverage_percent: facts.metrics.coverage_percent,
-            total_s: facts.total_s,
-        })
+    fn summary(&self, scene_revision: u64) -> PlanSummary {
+        let Self { plan, times, .. } = self;
+        PlanSummary {
+            revision: plan.scene.revision,
+            is_stale: plan.scene.revision != scene_revision,
+            seed: plan.seed,
+            waypoints: plan.waypoints.len() as u64,
+            length_m: plan.metrics.length_m,
+            flight_s: plan.metrics.flight_s,
+            coverage_percent: plan.metrics.coverage_percent,
+            total_s: times.total_s,
+        }
     }
 }

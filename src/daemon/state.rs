@@ -282,13 +282,16 @@ impl Daemon {
         let Some(slot) = self.scenes.get_mut(scene) else { return };
         let Some(current) = &slot.current else { return };
         let mut options = convert::plan_options(&queued.order).expect("orders are checked before they are queued");
+        let mut record = None;
         if queued.cause == Cause::Edit {
-            options.earlier = slot.last_plan.as_ref().and_then(LastPlan::waypoints);
+            options.earlier = slot.last_plan.as_ref().map(LastPlan::waypoints);
+            record = slot.last_plan.as_mut().and_then(|plan| plan.record.take());
         }
         let flight = Flight {
             snapshot: current.snapshot.clone(),
             settings: current.session.settings().clone(),
             options,
+            record,
             cause: queued.cause,
             field_s: queued.field_s,
         };

@@ -12,5 +12,5 @@ mod viewpoints;
 
 pub use build::{Outlines, counts};
 pub use lookup::Lookup;
-pub use survey::{FieldError, FieldStorage, Snapshot, Survey};
+pub use survey::{Changes, FieldError, FieldStorage, Snapshot, Survey};
 pub use viewpoints::{Cell, Lattice, Site, Viewpoint, cells, choose_spacing_m, fill, outside, sites, sites_after};

@@ -8,7 +8,7 @@ use overfly_table::{Block, FieldTable, LayoutError};
 
 use super::build::{FieldInputs, Outlines, build_visibility, fill_table};
 use super::lookup::Lookup;
-use super::update::{Earlier, update_visibility};
+use super::update::{Earlier, Seen, update_visibility};
 use super::viewpoints::{Cell, Site, Viewpoint};
 use crate::coverage::{DiskModel, Mask};
 use crate::scene::Scene;
@@ -58,6 +58,8 @@ pub struct Survey {
     pub(crate) earlier: Option<(Snapshot, Differences)>,
     /// What all viewpoints together cover of each sample, once it is built.
     pub(crate) unions: Vec<Mask>,
+    /// How its samples compare with those of the field before, once it is built.
+    pub(crate) seen: Option<Seen>,
 }
 
 impl fmt::Debug for Survey {
@@ -98,15 +100,21 @@ impl Survey {
             facts: self.facts,
             offset_m: self.offset_m,
         };
+        let mut seen = None;
         let visibility = |rows: &mut [u64], words_per_row: usize| match &self.earlier {
             None => build_visibility(&inputs, rows, words_per_row, stop),
             Some((snapshot, differences)) => {
                 let Footing { samples, cells, unions, .. } = &*snapshot.footing;
                 let earlier = Earlier { field: snapshot.field(), cells, samples, unions };
-                update_visibility(&inputs, &self.cells, differences, &earlier, rows, words_per_row, stop)
+                let updated = update_visibility(&inputs, &self.cells, differences, &earlier, rows, words_per_row, stop);
+                updated.map(|(unions, samples)| {
+                    seen = Some(samples);
+                    unions
+                })
             }
         };
         self.unions = fill_table(&inputs, &self.counts, blocks, visibility).ok_or(FieldError::Stopped)?;
+        self.seen = seen;
         Ok(())
     }
 
@@ -122,6 +130,9 @@ impl Survey {
             }
         };
         let Self { outlines, samples, sites, cells, unions, .. } = self;
+        let changes = self.earlier.zip(self.seen).map(|((earlier, differences), Seen { same, is_touched })| {
+            Arc::new(Changes { since: earlier.revision, differences, same, is_touched })
+        });
         Ok(Snapshot {
             scene: self.scene,
             revision: self.revision,
@@ -130,6 +141,7 @@ impl Survey {
             lookup,
             offset_m: self.offset_m,
             footing: Arc::new(Footing { outlines, samples, sites, cells, unions }),
+            changes,
             field,
         })
     }
@@ -164,12 +176,30 @@ pub struct Snapshot {
     /// How far in front of a sample a line of sight ends, m.
     pub offset_m: f64,
     pub(crate) footing: Arc<Footing>,
+    changes: Option<Arc<Changes>>,
     field: Arc<dyn FieldStorage>,
+}
+
+/// How a field differs from the one that it followed from.
+#[derive(Debug)]
+pub struct Changes {
+    /// The revision of the field before.
+    pub since: u64,
+    pub differences: Differences,
+    /// For each sample its place in the field before, where it was the same and as exposed.
+    pub same: Vec<Option<u32>>,
+    /// For each sample whether a viewpoint sees it that did not before, or the other way round.
+    pub is_touched: Vec<bool>,
 }
 
 impl Snapshot {
     pub fn field(&self) -> FieldTable<'_> {
         FieldTable::open(self.field.blocks()).expect("the table was opened when the snapshot was made and nobody writes to it")
+    }
+
+    /// How it differs from the field that it followed from; `None` for one that was built anew.
+    pub fn changes(&self) -> Option<&Changes> {
+        self.changes.as_deref()
     }
 
     /// The memory that holds the field.

@@ -28,6 +28,12 @@ pub struct Earlier<'a> {
     pub unions: &'a [Mask],
 }
 
+/// The samples of a field beside those of the one before.
+pub struct Seen {
+    pub same: Vec<Option<u32>>,
+    pub is_touched: Vec<bool>,
+}
+
 /// Samples that are those of the earlier field, a run of them at other places.
 struct Run {
     before: usize,
@@ -45,17 +51,20 @@ const LEAST_ROWS: usize = 256;
 struct Found {
     gained: Vec<Mask>,
     lost: Vec<Mask>,
+    /// Whether a viewpoint sees the sample that did not before, or the other way round.
+    is_touched: Vec<bool>,
 }
 
 impl Found {
     fn nothing(samples: usize) -> Self {
-        Self { gained: vec![0; samples], lost: vec![0; samples] }
+        Self { gained: vec![0; samples], lost: vec![0; samples], is_touched: vec![false; samples] }
     }
 
     fn join(mut self, other: Self) -> Self {
         let or = |all: &mut [Mask], more: Vec<Mask>| all.iter_mut().zip(more).for_each(|(mask, more)| *mask |= more);
         or(&mut self.gained, other.gained);
         or(&mut self.lost, other.lost);
+        self.is_touched.iter_mut().zip(other.is_touched).for_each(|(is_touched, other)| *is_touched |= other);
         self
     }
 }
@@ -76,7 +85,8 @@ struct Update<'a> {
     come: Vec<Bounds>,
 }
 
-/// Fills the rows of `visibility`, which are all zero. Returns what all viewpoints together cover of each sample; `None` when stopped.
+/// Fills the rows of `visibility`, which are all zero. Returns what all viewpoints together cover of each sample, and how the field
+/// differs from the one before; `None` when stopped.
 pub fn update_visibility(
     inputs: &FieldInputs,
     cells: &[Cell],
@@ -85,7 +95,7 @@ pub fn update_visibility(
     visibility: &mut [u64],
     words_per_row: usize,
     stop: &StopToken,
-) -> Option<Vec<Mask>> {
+) -> Option<(Vec<Mask>, Seen)> {
     let update = Update::new(inputs, differences, earlier);
     let before = matches(cells, earlier.cells);
     let count = inputs.samples.samples.len();
@@ -113,7 +123,7 @@ pub fn update_visibility(
             found
         },
     );
-    let Found { gained, lost } = found.join(dropped.reduce(|| Found::nothing(count), Found::join));
+    let Found { gained, lost, is_touched } = found.join(dropped.reduce(|| Found::nothing(count), Found::join));
 
     let mut unions = vec![0; count];
     for Run { before, now } in &update.runs {
@@ -133,7 +143,11 @@ pub fn update_visibility(
         }
         *union = (*union & !missing) | gained[i];
     });
-    Some(unions)
+    let mut same = vec![None; count];
+    for Run { before, now } in &update.runs {
+        now.clone().for_each(|i| same[i] = Some((before + (i - now.start)) as u32));
+    }
+    Some((unions, Seen { same, is_touched }))
 }
 
 /// For each of the cells its place among the earlier ones; both are in order.
@@ -215,7 +229,7 @@ impl<'a> Update<'a> {
                 let is_crossed = |boxes: &[&Bounds]| boxes.iter().any(|bounds| bounds.meets_segment(&view, end));
                 if was_seen && is_crossed(&come) && self.inputs.clearance.occluded(&view, end) {
                     row[i / 64] &= !(1 << (i % 64));
-                    found.lost[i] |= self.mask(i, &view);
+                    self.lose(i, &view, found);
                 } else if !was_seen && is_crossed(&gone) && self.targets.is_seen(self.inputs, i, &view) {
                     self.gain(i, &view, row, found);
                 }
@@ -231,7 +245,7 @@ impl<'a> Update<'a> {
             for i in now.clone() {
                 let place = before + (i - now.start);
                 if row[place / 64] >> (place % 64) & 1 == 1 {
-                    found.lost[i] |= self.mask(i, &view);
+                    self.lose(i, &view, found);
                 }
             }
         }
@@ -240,6 +254,12 @@ impl<'a> Update<'a> {
     fn gain(&self, i: usize, view: &Point3<f64>, row: &mut [u64], found: &mut Found) {
         row[i / 64] |= 1 << (i % 64);
         found.gained[i] |= self.mask(i, view);
+        found.is_touched[i] = true;
+    }
+
+    fn lose(&self, i: usize, view: &Point3<f64>, found: &mut Found) {
+        found.lost[i] |= self.mask(i, view);
+        found.is_touched[i] = true;
     }
 
     fn mask(&self, i: usize, view: &Point3<f64>) -> Mask {

@@ -2,9 +2,9 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::plan::{
-    CameraRow, CellsRow, ImageRow, IterationRow, LimitsRow, MetricsRow, PlanCounts, PlanFacts, WaypointRow,
+    CameraRow, CellsRow, INFEASIBLE, ImageRow, IterationRow, LimitsRow, MetricsRow, PlanCounts, PlanFacts, WaypointRow,
 };
-use overfly_table::{Block, PlanTable};
+use overfly_table::{Block, PlanTable, PlanTableMut};
 
 use crate::camera::Intrinsics;
 use crate::frame::Geodetic;
@@ -27,33 +27,59 @@ pub enum PlanTableError {
     Camera { camera: u32, cameras: usize },
     #[error("the plan's {what} lie beyond what a drone can fly by")]
     Limits { what: &'static str },
+    #[error("there is no flight in the scene {scene:?}: {reason}")]
+    Infeasible { scene: String, reason: String },
     #[error("the plan counts {counted} waypoints but holds {held}")]
     Count { counted: u64, held: usize },
 }
 
-/// The plan as a table.
+/// Size of the table of a plan, blocks.
+pub fn blocks(plan: &Plan) -> usize {
+    counts(plan).blocks()
+}
+
+/// Writes a plan where it will be read: `into` is as long as [`blocks`] says.
+pub fn write(plan: &Plan, times: &RunTimes, into: &mut [Block]) {
+    let table = PlanTableMut::create(into, &counts(plan), &facts(plan, times));
+    fill(table.waypoints, plan.waypoints.iter().map(waypoint_row));
+    fill(table.images, plan.images.iter().map(image_row));
+    fill(table.cameras, plan.cameras.iter().map(camera_row));
+    fill(table.iterations, plan.convergence.iter().map(iteration_row));
+    let cells = plan.cells.iter().zip(&plan.ceilings);
+    fill(table.cells, cells.map(|(&covered, &ceiling)| CellsRow { covered, ceiling }));
+    fill(table.text, text(plan).bytes());
+}
+
+/// The plan as a table in memory of its own.
 pub fn to_blocks(plan: &Plan, times: &RunTimes) -> Vec<Block> {
-    let facts = facts(plan, times);
-    let waypoints: Vec<WaypointRow> = plan.waypoints.iter().map(waypoint_row).collect();
-    let images: Vec<ImageRow> = plan.images.iter().map(image_row).collect();
-    let iterations: Vec<IterationRow> = plan.convergence.iter().map(iteration_row).collect();
-    let cameras: Vec<CameraRow> = plan.cameras.iter().map(camera_row).collect();
-    let cells: Vec<CellsRow> =
-        plan.cells.iter().zip(&plan.ceilings).map(|(&covered, &ceiling)| CellsRow { covered, ceiling }).collect();
-    let text = text(plan);
-    let table = PlanTable {
-        facts: &facts,
-        waypoints: &waypoints,
-        images: &images,
-        cameras: &cameras,
-        cells: &cells,
-        iterations: &iterations,
-        text: text.as_bytes(),
-    };
-    let counts: PlanCounts = table.counts();
+    let mut table = vec![Block::ZERO; blocks(plan)];
+    write(plan, times, &mut table);
+    table
+}
+
+/// A table that says why there is no flight in a scene of this revision.
+pub fn infeasible(scene: &str, revision: u64, reason: &str) -> Vec<Block> {
+    let facts = PlanFacts { revision, stop: INFEASIBLE, ..PlanFacts::default() };
+    let text = format!("{}\n{}\n", escape(scene), escape(reason));
+    let counts = PlanCounts { text_bytes: text.len(), ..PlanCounts::default() };
     let mut blocks = vec![Block::ZERO; counts.blocks()];
-    table.write(&mut blocks);
+    PlanTableMut::create(&mut blocks, &counts, &facts).text.copy_from_slice(text.as_bytes());
     blocks
+}
+
+fn counts(plan: &Plan) -> PlanCounts {
+    PlanCounts {
+        waypoints: plan.waypoints.len(),
+        images: plan.images.len(),
+        cameras: plan.cameras.len(),
+        samples: plan.cells.len().min(plan.ceilings.len()),
+        iterations: plan.convergence.len(),
+        text_bytes: text(plan).len(),
+    }
+}
+
+fn fill<T>(rows: &mut [T], values: impl Iterator<Item = T>) {
+    rows.iter_mut().zip(values).for_each(|(row, value)| *row = value);
 }
 
 /// The plan in a table that somebody else may have written.
@@ -61,6 +87,10 @@ pub fn from_table(table: &PlanTable<'_>) -> Result<(Plan, RunTimes), PlanTableEr
     let facts = table.facts;
     if facts.metrics.waypoints != table.waypoints.len() as u64 {
         return Err(PlanTableError::Count { counted: facts.metrics.waypoints, held: table.waypoints.len() });
+    }
+    if let Some(reason) = table.infeasible() {
+        let scene = std::str::from_utf8(table.text).unwrap_or_default().lines().next().unwrap_or_default();
+        return Err(PlanTableError::Infeasible { scene: unescape(scene), reason: unescape(reason) });
     }
     let mut lines =
         std::str::from_utf8(table.text).map_err(|_| PlanTableError::Text { missing: "scene" })?.split_terminator('\n');
@@ -308,6 +338,7 @@ fn stop_code(stop: StopReason) -> u64 {
         StopReason::SpaceExhausted => 4,
         StopReason::Complete => 5,
         StopReason::Repaired => 6,
+        StopReason::Improved => 7,
     }
 }
 
@@ -320,6 +351,7 @@ fn stop_reason(code: u64) -> Result<StopReason, PlanTableError> {
         4 => Ok(StopReason::SpaceExhausted),
         5 => Ok(StopReason::Complete),
         6 => Ok(StopReason::Repaired),
+        7 => Ok(StopReason::Improved),
         code => Err(PlanTableError::Code { what: "stop reason", code }),
     }
 }
@@ -327,7 +359,11 @@ fn stop_reason(code: u64) -> Result<StopReason, PlanTableError> {
 /// Scene, rig, method and cameras, one line each; a line break in a name is written as `\n`.
 fn text(plan: &Plan) -> String {
     let names = [&plan.scene.name, &plan.rig, &plan.method].into_iter().chain(plan.cameras.iter().map(|camera| &camera.name));
-    names.map(|name| name.replace('\\', "\\\\").replace('\n', "\\n") + "\n").collect()
+    names.map(|name| escape(name) + "\n").collect()
+}
+
+fn escape(line: &str) -> String {
+    line.replace('\\', "\\\\").replace('\n', "\\n")
 }
 
 fn unescape(line: &str) -> String {
@@ -421,7 +457,7 @@ mod tests {
             convergence in prop::collection::vec(prop::array::uniform4(number()), 0..20),
             stop in prop::sample::select(vec![
                 StopReason::GoalReached, StopReason::IterationsUsed, StopReason::Cancelled, StopReason::MemoryUsed, StopReason::SpaceExhausted,
-                StopReason::Complete, StopReason::Repaired,
+                StopReason::Complete, StopReason::Repaired, StopReason::Improved,
             ]),
         ) -> Plan {
             let [scene, rig, method, one, two] = names;

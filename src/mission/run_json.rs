@@ -88,6 +88,7 @@ pub fn stop_name(stop: StopReason) -> &'static str {
         StopReason::Cancelled => "cancelled",
         StopReason::Complete => "complete",
         StopReason::Repaired => "repaired",
+        StopReason::Improved => "improved",
     }
 }
 

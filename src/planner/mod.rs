@@ -21,6 +21,7 @@ use crate::trajectory::images::Exposed;
 use crate::trajectory::limits::Limits;
 use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, StopReason, Waypoint};
 use crate::trajectory::profile::Profile;
+use crate::trajectory::record::Record;
 use crate::trajectory::route::{Found, Route};
 use crate::trajectory::safety;
 use crate::trajectory::{images, select};
@@ -48,25 +49,37 @@ pub fn plan(
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Plan, PlanError> {
-    replan(snapshot, settings, options, stop, on_progress, &mut |_| {})
+    replan(snapshot, settings, options, None, stop, on_progress, &mut |_| {}).map(|made| made.plan)
+}
+
+/// A plan, and what its images see: with it the plan after an edit is sooner there.
+#[derive(Debug)]
+pub struct Made {
+    pub plan: Plan,
+    pub record: Record,
 }
 
 /// The same after an edit: where it goes on with an earlier flight (`options.earlier`), what can still be flown of that is handed out as a plan
-/// before anything is searched.
+/// before anything is searched, and from time to time what is better than that. The record of that flight changes nothing but the time that
+/// this takes.
 pub fn replan(
     snapshot: &Snapshot,
     settings: &Settings,
     options: &PlanOptions,
+    record: Option<Record>,
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
-    on_repaired: &mut dyn FnMut(Plan),
-) -> Result<Plan, PlanError> {
+    on_interim: &mut dyn FnMut(Made),
+) -> Result<Made, PlanError> {
     options.check()?;
     let settings = &with_goal(settings, options.goal_percent);
     let rig = &flown_rig(options, settings);
     let wanted = Wanted { region: options.region()?, gsd_m: options.gsd_m, most_apart_m: None };
     let (settings, most_apart_m) = &overlap::with_overlap(settings, snapshot, rig, options, &wanted)?;
-    let problem = Problem::wanted(snapshot, settings, rig.clone(), &Wanted { most_apart_m: *most_apart_m, ..wanted });
+    let wanted = Wanted { most_apart_m: *most_apart_m, ..wanted };
+    let sight_m = wanted.sight_m(rig, snapshot.disks.range_m());
+    let reach = record.as_ref().and_then(|record| record.reach_before(snapshot, rig, sight_m));
+    let problem = Problem::after(snapshot, settings, rig.clone(), &wanted, reach);
     if problem.capturable == 0 {
         let (range_m, ceiling_m) = (problem.disks.range_m(), settings.flight.legal_ceiling_m);
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
@@ -74,17 +87,17 @@ pub fn replan(
     let matched_goal_percent = matched_goal_percent(settings, options);
     let order = Order { snapshot, settings, options, problem: &problem, matched_goal_percent, stop };
     let resumed = order.resumed();
+    let mut interim = Interim { order: &order, best: None, on_interim };
     if let Some(path) = &resumed {
-        let repaired = Outcome { path: path.clone(), convergence: Vec::new(), stop: StopReason::Repaired };
-        match order.finished(Found::of(repaired, &problem)) {
-            Ok(plan) if options.within_s.is_none_or(|within_s| plan.metrics.profile_s <= within_s) => on_repaired(plan),
+        match order.on_the_way(path, StopReason::Repaired, record) {
+            Ok(made) => interim.offer(made),
             Err(PlanError::Abandoned) => return Err(PlanError::Abandoned),
-            // It may still be improved to a plan, and to one that is short enough.
-            Ok(_) | Err(_) => {}
+            // It may still be improved to a plan.
+            Err(_) => {}
         }
     }
     let found = match options.method {
-        Method::Refined => refined(&order, resumed, on_progress)?,
+        Method::Refined => refined(&order, resumed, &mut interim, on_progress)?,
         Method::Paper => {
             let iterations = options.iterations.unwrap_or(settings.search.iterations);
             Found::of(order.tree_search(iterations, on_progress)?, &problem)
@@ -93,7 +106,63 @@ pub fn replan(
         Method::Smith => baseline::smith::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
         Method::Zhou => baseline::zhou::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
     };
-    order.finished(found)
+    order.finished(found, None)
+}
+
+/// Flights that are handed out while the search goes on.
+struct Interim<'i> {
+    order: &'i Order<'i>,
+    /// What the best of them is worth.
+    best: Option<Confirmed>,
+    on_interim: &'i mut dyn FnMut(Made),
+}
+
+impl Interim<'_> {
+    /// Hands a flight out if it is short enough and better than all before.
+    fn offer(&mut self, made: Made) {
+        let Order { options, problem, matched_goal_percent, .. } = *self.order;
+        let confirmed = made.confirmed(problem);
+        if options.within_s.is_some_and(|within_s| confirmed.duration_s > within_s) {
+            return;
+        }
+        let required = Worth { captured: problem.sufficient, matched: problem.enough_matched(matched_goal_percent) };
+        let is_better = |best: &Confirmed| {
+            let counted = |one: &Confirmed| one.worth.counted(required).sum();
+            let rank = |one: &Confirmed, other: &Confirmed| counted(one).cmp(&counted(other));
+            // Within a time the most counts, beyond the goals too; else the shortest of those that come as near to the goals.
+            match options.within_s {
+                Some(_) => confirmed.worth.sum() > best.worth.sum(),
+                None => rank(&confirmed, best).then(best.duration_s.total_cmp(&confirmed.duration_s)).is_gt(),
+            }
+        };
+        if self.best.as_ref().is_none_or(is_better) {
+            self.best = Some(confirmed);
+            (self.on_interim)(made);
+        }
+    }
+
+    /// What a path is worth. While an earlier flight is gone on with, one that is better than what was handed out is.
+    fn confirmed(&mut self, path: &[Pose]) -> Confirmed {
+        let order = self.order;
+        if self.best.is_none() {
+            return order.confirmed(path);
+        }
+        match order.on_the_way(&headed(&order.problem.rig, path), StopReason::Improved, None) {
+            Ok(made) => {
+                let confirmed = made.confirmed(order.problem);
+                self.offer(made);
+                confirmed
+            }
+            Err(_) => order.confirmed(path),
+        }
+    }
+}
+
+impl Made {
+    fn confirmed(&self, problem: &Problem) -> Confirmed {
+        let Capture { captured, matched, .. } = self.record.capture(problem);
+        Confirmed { worth: Worth { captured, matched }, duration_s: self.plan.metrics.profile_s }
+    }
 }
 
 /// What a flight is planned by.
@@ -107,28 +176,41 @@ struct Order<'o> {
 }
 
 impl Order<'_> {
-    /// The plan of a flight that was found: its curve, its images and what they capture, checked for safety.
-    fn finished(&self, Found { route, convergence, stop: reason }: Found) -> Result<Plan, PlanError> {
+    /// The plan of a flight that is not the last one.
+    fn on_the_way(&self, path: &[Pose], stop: StopReason, before: Option<Record>) -> Result<Made, PlanError> {
+        let outcome = Outcome { path: path.to_vec(), convergence: Vec::new(), stop };
+        self.finished(Found::of(outcome, self.problem), before)
+    }
+
+    /// The plan of a flight that was found: its curve, its images and what they capture, checked for safety. With the record of the flight
+    /// before an edit only what may have changed is looked at.
+    fn finished(&self, Found { route, convergence, stop: reason }: Found, before: Option<Record>) -> Result<Made, PlanError> {
         let Self { snapshot, settings, options, problem, matched_goal_percent, stop } = *self;
         let rig = &problem.rig;
         let limits = Limits::new(rig, &settings.flight, &settings.dynamics);
         let deviations_m = safety::deviations_m(&route.waypoints, &limits, &snapshot.free);
         let profile = Profile::rounded(&route.waypoints, &limits, &deviations_m);
         let Exposed { mut images, delayed, dropped } = images::expose(&route, rig, &profile);
-        let sightings = evaluate::sightings(snapshot, &problem.disks, &images, stop).ok_or(PlanError::Abandoned)?;
-        let capture = sightings.capture(problem, |_| true);
-        // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
-        let at_start = sightings.capture(problem, |image| image < rig.camera_count() as u32);
-        let selected = select::select(problem, &sightings, images.len(), problem.enough_matched(matched_goal_percent));
-        images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
+        let record = match before {
+            Some(before) => before.after(snapshot, problem, &images, stop),
+            None => Record::new(snapshot, problem, &images, stop),
+        };
+        let record = record.ok_or(PlanError::Abandoned)?;
+        let capture = record.capture(problem);
+        // Which images are dispensable takes longer to find out than a flight on the way may wait.
+        if !matches!(reason, StopReason::Repaired | StopReason::Improved) {
+            let enough = problem.enough_matched(matched_goal_percent);
+            let selected = select::select(problem, record.sightings(), images.len(), enough);
+            images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
+        }
         let clearance_m = safety::check(profile.curve(), &snapshot.free)?;
         safety::check_views(rig, &images)?;
         let blur_px = images::blur_px(&images, rig, &profile, &snapshot.free.clearance);
-        let figures = metrics(problem, settings, &route, &profile, &capture, &at_start);
+        let figures = metrics(problem, settings, &route, &profile, &capture, record.information_at_start(problem));
         let waypoint =
             |(pose, &deviation_m): (&Pose, &f64)| Waypoint { position_m: pose.position, direction: pose.direction, deviation_m };
 
-        Ok(Plan {
+        let plan = Plan {
             scene: SceneStamp {
                 name: snapshot.scene.name.clone(),
                 origin: snapshot.scene.frame.origin,
@@ -149,7 +231,8 @@ impl Order<'_> {
             clearance_m,
             convergence,
             stop: reason,
-        })
+        };
+        Ok(Made { plan, record })
     }
 
     /// What can still be flown of an earlier flight, for the methods whose images are all along the path.
@@ -204,7 +287,12 @@ fn matched_goal_percent(settings: &Settings, options: &PlanOptions) -> f64 {
 
 /// Beyond the paper: a small tree, or an earlier flight, that is then improved until it covers enough, and until enough samples are matched if that
 /// is wanted.
-fn refined(order: &Order, resumed: Option<Vec<Pose>>, on_progress: &mut dyn FnMut(&Progress)) -> Result<Found, PlanError> {
+fn refined(
+    order: &Order,
+    resumed: Option<Vec<Pose>>,
+    interim: &mut Interim,
+    on_progress: &mut dyn FnMut(&Progress),
+) -> Result<Found, PlanError> {
     let Order { settings, options, problem, matched_goal_percent, stop, .. } = *order;
     let matched = problem.enough_matched(matched_goal_percent);
     let rounds = options.iterations.unwrap_or_else(|| refine::rounds_of(settings, problem));
@@ -238,7 +326,7 @@ fn refined(order: &Order, resumed: Option<Vec<Pose>>, on_progress: &mut dyn FnMu
         }
     };
     let task = Task { aim, budget, seed: options.seed, is_resumed };
-    let outcome = refine::refine(&ground, &path, &task, stop, &|path| order.confirmed(path), on_progress);
+    let outcome = refine::refine(&ground, &path, &task, stop, &mut |path| interim.confirmed(path), on_progress);
     if let Some(within_s) = options.within_s {
         let least_s = order.profile(&outcome.path).duration_s();
         if least_s > within_s {
@@ -295,9 +383,10 @@ fn metrics(
     route: &Route,
     profile: &Profile,
     capture: &Capture,
-    at_start: &Capture,
+    at_start: Information,
 ) -> Metrics {
-    let path = PathSums { information: capture.information - at_start.information, ..problem.objective.travel(&route.waypoints) };
+    // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
+    let path = PathSums { information: capture.information - at_start, ..problem.objective.travel(&route.waypoints) };
     let movement_s = path.length_m / settings.flight.cruise_speed_mps;
     Metrics {
         length_m: path.length_m,

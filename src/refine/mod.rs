@@ -78,6 +78,8 @@ const RESERVE: f64 = 0.05;
 /// How often it is looked at what the flight really captures: after shares of the rounds, as far as all samples count in them, then at the end, as long as samples are missing and
 /// with more rounds each time: such a share of all, then twice as many, and so on.
 const CALIBRATIONS: [f64; 3] = [0.5, 0.75, 0.9];
+/// A flight that goes on with an earlier one is looked at sooner, for whoever flies that one.
+const EARLY_LOOKS: [f64; 2] = [0.1, 0.25];
 const REPAIRS: u32 = 6;
 const REPAIR_SHARE: f64 = 0.02;
 
@@ -88,7 +90,7 @@ pub fn refine(
     path: &[Pose],
     task: &Task,
     stop: &StopToken,
-    confirm: &dyn Fn(&[Pose]) -> Confirmed,
+    confirm: &mut dyn FnMut(&[Pose]) -> Confirmed,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Outcome {
     let Task { aim, budget, seed, is_resumed } = *task;
@@ -123,11 +125,11 @@ pub fn refine(
             rounds = pace.fitting(until_s, levels.later_cost(1.0 / f64::from(HOT_SHARE))).unwrap_or(u32::MAX);
         }
         tell(annealing.record(), done, rounds);
-        if level == levels.last()
-            && done > hot_rounds(rounds)
-            && CALIBRATIONS.iter().any(|share| done == (f64::from(rounds) * share) as u32)
-        {
+        let is_at = |shares: &[f64]| shares.iter().any(|share| done == (f64::from(rounds) * share) as u32);
+        if level == levels.last() && done > hot_rounds(rounds) && is_at(&CALIBRATIONS) {
             annealing.calibrate(&confirm(&annealing.best().path), false);
+        } else if is_resumed && is_at(&EARLY_LOOKS) {
+            confirm(&annealing.best().path);
         }
     }
 

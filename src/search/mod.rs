@@ -4,6 +4,7 @@ pub mod leg;
 pub mod objective;
 pub mod outcome;
 pub mod problem;
+pub mod reach;
 mod rrt_star;
 pub mod spacing;
 #[cfg(test)]

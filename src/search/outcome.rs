@@ -35,6 +35,8 @@ pub enum StopReason {
     Complete,
     /// There was no search yet: what could still be flown of an earlier flight after an edit.
     Repaired,
+    /// The search goes on: this flight is better than the one that it handed out before.
+    Improved,
 }
 
 /// How far a search has come.

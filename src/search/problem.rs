@@ -1,18 +1,18 @@
 //! What a search works on: the field of one snapshot seen through one rig.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use geo::{Coord, Intersects, Polygon};
 use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::FieldTable;
-use rayon::prelude::*;
 
 use super::leg::{angle_rad, image_poses};
 use super::objective::Objective;
+use super::reach::{Reach, Seeing};
 use super::spacing::ImageSpacing;
 use crate::camera::{Pose, Rig, View};
 use crate::coverage::union::{self, Gained, Observations};
-use crate::coverage::{Bearing, CELLS, DiskModel, Information, Mask, MatchedViews, Matching, SampleFrame};
+use crate::coverage::{CELLS, DiskModel, Information, Mask, Matching, SampleFrame};
 use crate::field::Lookup;
 use crate::field::Snapshot;
 use crate::scene::free_space::FreeSpace;
@@ -74,11 +74,13 @@ pub struct Problem<'a> {
     pub view_directions: Vec<Unit<Vector3<f64>>>,
     /// Disks as the field's, or with a shorter range.
     pub disks: Arc<DiskModel>,
+    /// What the rig can reach of each sample, in the region or not.
+    pub reach: Reach,
     lookup: &'a Lookup,
     /// How far in front of a sample a line of sight ends, m.
     offset_m: f64,
     /// No image gains more than this.
-    most_of_image: Information,
+    most_of_image: OnceLock<Information>,
     turning: ViewTurning,
 }
 
@@ -104,6 +106,11 @@ impl<'a> Problem<'a> {
 
     /// The problem in which only what is wanted counts. Samples outside of the region have a ceiling of no cells.
     pub fn wanted(snapshot: &'a Snapshot, settings: &Settings, rig: Rig, wanted: &Wanted) -> Self {
+        Self::after(snapshot, settings, rig, wanted, None)
+    }
+
+    /// The same after an edit, with what the rig could reach in the field before if that is known.
+    pub fn after(snapshot: &'a Snapshot, settings: &Settings, rig: Rig, wanted: &Wanted, before: Option<&Reach>) -> Self {
         let field = snapshot.field();
         let threshold = field.facts.threshold_cells;
         let frames = frames(&field);
@@ -113,9 +120,14 @@ impl<'a> Problem<'a> {
         } else {
             Arc::clone(&snapshot.disks)
         };
-        let mut ceilings = ceilings(&field, &rig, &frames, &disks, disks.range_m() < snapshot.disks.range_m());
         let matching = Matching::new(&settings.quality);
-        let mut matchable = matchable(&field, &rig, &frames, &disks, &matching);
+        let is_shorter = disks.range_m() < snapshot.disks.range_m();
+        let seeing = Seeing { field: &field, rig: &rig, frames: &frames, disks: &disks, is_shorter, matching: &matching };
+        let reach = match before.zip(snapshot.changes()) {
+            Some((before, changes)) => before.after(&seeing, changes),
+            None => Reach::new(&seeing),
+        };
+        let Reach { mut ceilings, is_matchable: mut matchable } = reach.clone();
         if let Some(region) = &wanted.region {
             let is_outside = |frame: &SampleFrame| !region.intersects(&Coord { x: frame.position.x, y: frame.position.y });
             for (i, _) in frames.iter().enumerate().filter(|(_, frame)| is_outside(frame)) {
@@ -144,7 +156,8 @@ impl<'a> Problem<'a> {
             sufficient: enough.min(capturable),
             lookup: &snapshot.lookup,
             offset_m: snapshot.offset_m,
-            most_of_image: most_of_image(&field, &disks),
+            most_of_image: OnceLock::new(),
+            reach,
             disks,
             areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
             thresholds: ceilings.iter().map(|cells| if is_capturable(&cells) { threshold } else { CELLS as u32 }).collect(),
@@ -209,7 +222,8 @@ impl<'a> Problem<'a> {
 
     /// An upper bound of what the images of a leg can gain, whatever they see.
     pub fn most_of_leg(&self, from: &Point3<f64>, to: &Point3<f64>) -> Information {
-        self.most_of_image.saturating_mul(self.spacing.image_count((to - from).norm()) as u64)
+        let most_of_image = *self.most_of_image.get_or_init(|| most_of_image(&self.field, &self.disks));
+        most_of_image.saturating_mul(self.spacing.image_count((to - from).norm()) as u64)
     }
 
     /// Adds the coverage disks of one view: visibility from the field, frustum and disk exactly at the pose.
@@ -302,66 +316,16 @@ impl Scratch {
 }
 
 /// The samples whose bits are set in a row of the field, in ascending order.
-fn seen_in(row: &[u64]) -> impl Iterator<Item = usize> + '_ {
+pub(super) fn seen_in(row: &[u64]) -> impl Iterator<Item = usize> + '_ {
     row.iter().enumerate().flat_map(|(word_index, &word)| {
         let rest = std::iter::successors(Some(word), |rest| Some(rest & rest.wrapping_sub(1)));
         rest.take_while(|&rest| rest != 0).map(move |rest| word_index * 64 + rest.trailing_zeros() as usize)
     })
 }
 
-fn is_framed(frusta: Option<&[View]>, target: &Point3<f64>) -> bool {
+pub(super) fn is_framed(frusta: Option<&[View]>, target: &Point3<f64>) -> bool {
     frusta.is_none_or(|views| views.iter().any(|view| view.frames(target)))
 }
-
-/// What the rig's views from all viewpoints, in all directions that it can take, cover of each sample. For a rig that sees in all
-/// directions this is a section of the field; for others the frustum is a further test on the same visibility bits (section 5.4).
-/// `is_shorter` says that the disks reach less far than the field's.
-fn ceilings(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskModel, is_shorter: bool) -> Vec<u16> {
-    let directions = rig.pose_directions();
-    let sees_all = directions == [None];
-    if sees_all && !is_shorter {
-        return field.ceilings.to_vec();
-    }
-    let nothing = || vec![0 as Mask; frames.len()];
-    let unions = (0..field.viewpoints.len()).into_par_iter().fold(nothing, |mut union, j| {
-        let position = Point3::from(field.viewpoints[j].position_m);
-        let views: Vec<View> =
-            directions.iter().filter_map(|&direction| rig.frusta(&Pose { position, direction })).flatten().collect();
-        for i in seen_in(field.row(j)).filter(|&i| sees_all || is_framed(Some(&views), &frames[i].position)) {
-            union[i] |= disks.mask(&frames[i], &position);
-        }
-        union
-    });
-    let union = unions.reduce(nothing, |mut union, other| {
-        union.iter_mut().zip(other).for_each(|(mask, other)| *mask |= other);
-        union
-    });
-    union.into_iter().map(|mask| mask.count_ones() as u16).collect()
-}
-
-/// Which samples the rig's views from the viewpoints give enough matched views.
-fn matchable(field: &FieldTable, rig: &Rig, frames: &[SampleFrame], disks: &DiskModel, matching: &Matching) -> Vec<bool> {
-    let directions = rig.pose_directions();
-    let mut samples = vec![MatchedViews::default(); frames.len()];
-    let most_tried = MOST_TRIED_VIEWS.max(4 * matching.least_views as usize);
-    for j in 0..field.viewpoints.len() {
-        let position = Point3::from(field.viewpoints[j].position_m);
-        let views: Vec<View> =
-            directions.iter().filter_map(|&direction| rig.frusta(&Pose { position, direction })).flatten().collect();
-        for i in seen_in(field.row(j)) {
-            let (views_of, frame) = (&mut samples[i], &frames[i]);
-            let is_open = views_of.matched() < matching.least_views && views_of.len() < most_tried;
-            let is_seen = || (views.is_empty() || is_framed(Some(&views), &frame.position)) && disks.faces(frame, &position);
-            if is_open && is_seen() {
-                views_of.add(matching, Bearing::new(&frame.position, &position));
-            }
-        }
-    }
-    samples.iter().map(|views| views.matched() >= matching.least_views).collect()
-}
-
-/// A sample with so many views, too few of which match, is given up; more where more are needed.
-const MOST_TRIED_VIEWS: usize = 64;
 
 /// The most that any row of the field could gain: every sample in it under the largest disk.
 fn most_of_image(field: &FieldTable, disks: &DiskModel) -> Information {

@@ -1,6 +1,7 @@
 //! The figures of a finished plan, by exact rays from the images' true poses (never from rows of the field).
 
 use nalgebra::Point3;
+use overfly_table::field::SampleRow;
 use rayon::prelude::*;
 
 use super::plan::Image;
@@ -41,34 +42,42 @@ pub struct Capture {
     pub matched_percent: f64,
 }
 
+/// How many cells of each sample are covered, and which samples have enough matched views.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tally {
+    pub cells: Vec<u16>,
+    pub is_matched: Vec<bool>,
+    /// The samples whose matches were counted: those that can have enough.
+    pub is_matchable: Vec<bool>,
+}
+
 /// Casts every line of sight between the images and the exposed samples, in parallel over samples. `None` when abandoned.
 pub fn sightings(snapshot: &Snapshot, disks: &DiskModel, images: &[Image], stop: &StopToken) -> Option<Sightings> {
-    let field = snapshot.field();
-    let views: Vec<Option<View>> = images.iter().map(Image::view).collect();
-    let strip = Strip::new(images);
-    let rows = field.samples.par_iter().map(|row| {
-        if row.exposed == 0 {
-            return Some(Vec::new());
+    let caster = Caster::new(snapshot, disks, images);
+    let strip = Strip::new(images.iter().map(|image| image.position_m).enumerate());
+    let rows = (0..caster.samples.len()).into_par_iter().map(|i| {
+        if stop.is_abandoned() {
+            return None;
         }
-        let sample = SampleFrame::new(row.position_m.into(), row.normal.into());
-        let near = || strip.within(sample.position.x, disks.range_m());
-        (!stop.is_abandoned()).then(|| seen_by(snapshot, disks, images, &views, &sample, near()))
+        let Some(sample) = caster.sample(i) else { return Some(Vec::new()) };
+        let near = strip.within(sample.position.x, disks.range_m());
+        Some(caster.seen_by(&sample, &near).collect())
     });
     rows.collect::<Option<_>>().map(Sightings)
 }
 
-/// Images from west to east, so that a sample need not look at those of the whole town.
-struct Strip(Vec<(f64, usize)>);
+/// Places from west to east, so that a sample need not look at those of the whole town.
+pub struct Strip(Vec<(f64, usize)>);
 
 impl Strip {
-    fn new(images: &[Image]) -> Self {
-        let mut places: Vec<_> = images.iter().enumerate().map(|(index, image)| (image.position_m.x, index)).collect();
+    pub fn new(places: impl Iterator<Item = (usize, Point3<f64>)>) -> Self {
+        let mut places: Vec<_> = places.map(|(index, place)| (place.x, index)).collect();
         places.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         Self(places)
     }
 
-    /// The images no farther than `range_m` to the east or west, in their order.
-    fn within(&self, x_m: f64, range_m: f64) -> Vec<usize> {
+    /// The places no farther than `range_m` to the east or west, in their order.
+    pub fn within(&self, x_m: f64, range_m: f64) -> Vec<usize> {
         let reach_m = range_m * (1.0 + 1e-9);
         let [from, to] = [x_m - reach_m, x_m + reach_m].map(|x_m| self.0.partition_point(|place| place.0 < x_m));
         let mut near: Vec<usize> = self.0[from..to].iter().map(|place| place.1).collect();
@@ -77,40 +86,92 @@ impl Strip {
     }
 }
 
-fn seen_by(
-    snapshot: &Snapshot,
-    disks: &DiskModel,
-    images: &[Image],
-    views: &[Option<View>],
-    sample: &SampleFrame,
-    near: Vec<usize>,
-) -> Vec<Sighting> {
-    let end: Point3<f64> = sample.position + sample.normal * snapshot.offset_m;
-    // The cameras of a rig stand at one place, so that one ray does for all of them.
-    let mut known: Option<(Point3<f64>, Mask)> = None;
-    let mut mask = |position: Point3<f64>| match known {
-        Some((at, mask)) if at == position => mask,
-        _ => {
-            let is_seen = disks.faces(sample, &position) && !snapshot.free.clearance.occluded(&position, &end);
-            let mask = if is_seen { disks.exact_mask(sample, &position) } else { 0 };
-            known = Some((position, mask));
-            mask
-        }
-    };
-    let sighting = |index: usize| {
-        let (position, view) = (images[index].position_m, &views[index]);
-        let is_framed = view.as_ref().is_none_or(|view| view.frames(&sample.position));
-        let mask = if is_framed { mask(position) } else { 0 };
-        (mask != 0).then(|| Sighting { image: index as u32, mask, bearing: Bearing::new(&sample.position, &position) })
-    };
-    near.into_iter().filter_map(sighting).collect()
+/// Casts lines of sight between images and samples.
+pub struct Caster<'a> {
+    pub images: &'a [Image],
+    views: Vec<Option<View>>,
+    samples: &'a [SampleRow],
+    snapshot: &'a Snapshot,
+    disks: &'a DiskModel,
+}
+
+impl<'a> Caster<'a> {
+    pub fn new(snapshot: &'a Snapshot, disks: &'a DiskModel, images: &'a [Image]) -> Self {
+        let views = images.par_iter().map(Image::view).collect();
+        Self { images, views, samples: snapshot.field().samples, snapshot, disks }
+    }
+
+    /// Sample `i` if it lies on the outside of the scene.
+    pub fn sample(&self, i: usize) -> Option<SampleFrame> {
+        let row = &self.samples[i];
+        (row.exposed != 0).then(|| SampleFrame::new(row.position_m.into(), row.normal.into()))
+    }
+
+    /// Where the lines of sight to a sample end.
+    pub fn end(&self, sample: &SampleFrame) -> Point3<f64> {
+        sample.position + sample.normal * self.snapshot.offset_m
+    }
+
+    /// Which of the `near` images see a sample.
+    pub fn seen_by<'b>(&'b self, sample: &'b SampleFrame, near: &'b [usize]) -> impl Iterator<Item = Sighting> + 'b {
+        let end = self.end(sample);
+        // The cameras of a rig stand at one place, so that one ray does for all of them.
+        let mut known: Option<(Point3<f64>, Mask)> = None;
+        let mut mask = move |position: Point3<f64>| match known {
+            Some((at, mask)) if at == position => mask,
+            _ => {
+                let is_seen = self.disks.faces(sample, &position) && !self.snapshot.free.clearance.occluded(&position, &end);
+                let mask = if is_seen { self.disks.exact_mask(sample, &position) } else { 0 };
+                known = Some((position, mask));
+                mask
+            }
+        };
+        near.iter().filter_map(move |&index| {
+            let (position, view) = (self.images[index].position_m, &self.views[index]);
+            let is_framed = view.as_ref().is_none_or(|view| view.frames(&sample.position));
+            let mask = if is_framed { mask(position) } else { 0 };
+            (mask != 0).then(|| Sighting { image: index as u32, mask, bearing: Bearing::new(&sample.position, &position) })
+        })
+    }
+}
+
+impl Tally {
+    pub fn nothing(samples: usize) -> Self {
+        Self { cells: vec![0; samples], is_matched: vec![false; samples], is_matchable: vec![false; samples] }
+    }
+
+    /// Counts the images for which `counts` holds.
+    pub fn of(sightings: &Sightings, problem: &Problem, counts: &(dyn Fn(u32) -> bool + Sync)) -> Self {
+        let of_sample =
+            |(i, seen): (usize, &Vec<Sighting>)| Self::of_sample(problem, i, seen.iter().filter(|one| counts(one.image)));
+        let (cells, is_matched) = sightings.0.par_iter().enumerate().map(of_sample).unzip();
+        Self { cells, is_matched, is_matchable: problem.matchable.clone() }
+    }
+
+    /// Covered cells of one sample, and whether it has enough matched views if it can have them.
+    pub fn of_sample<'s>(problem: &Problem, i: usize, mut seen: impl Iterator<Item = &'s Sighting> + Clone) -> (u16, bool) {
+        let cells = seen.clone().fold(0, |mask, one| mask | one.mask).count_ones() as u16;
+        let mut views = MatchedViews::default();
+        // More views never match less.
+        let is_matched = problem.matchable[i]
+            && seen.any(|one| {
+                views.add(&problem.matching, one.bearing);
+                views.matched() >= problem.matching.least_views
+            });
+        (cells, is_matched)
+    }
 }
 
 impl Sightings {
     /// What the images for which `counts` holds capture together.
-    pub fn capture(&self, problem: &Problem, counts: impl Fn(u32) -> bool) -> Capture {
-        let union = |seen: &Vec<Sighting>| seen.iter().filter(|one| counts(one.image)).fold(0, |mask, one| mask | one.mask);
-        let cells: Vec<u16> = self.0.iter().map(|seen| union(seen).count_ones() as u16).collect();
+    pub fn capture(&self, problem: &Problem, counts: impl Fn(u32) -> bool + Sync) -> Capture {
+        Capture::of(problem, &Tally::of(self, problem, &counts))
+    }
+}
+
+impl Capture {
+    pub fn of(problem: &Problem, tally: &Tally) -> Self {
+        let Tally { cells, is_matched, .. } = tally;
         let samples = problem.field.samples;
         let threshold = problem.field.facts.threshold_cells;
         let number = |counts: &dyn Fn(usize) -> bool| (0..cells.len()).filter(|&i| counts(i)).count() as f64;
@@ -118,17 +179,9 @@ impl Sightings {
         let exposed = number(&|i| samples[i].exposed == 1);
         let capturable = f64::from(problem.capturable);
         let captured = number(&|i| problem.is_capturable(i) && above(i));
-        let is_matched = |i: usize| {
-            let mut views = MatchedViews::default();
-            // More views never match less.
-            self.0[i].iter().filter(|one| counts(one.image)).any(|one| {
-                views.add(&problem.matching, one.bearing);
-                views.matched() >= problem.matching.least_views
-            })
-        };
         let matchable = number(&|i| problem.matchable[i]);
-        let matched = number(&|i| problem.matchable[i] && is_matched(i));
-        Capture {
+        let matched = number(&|i| is_matched[i]);
+        Self {
             matched: matched as u32,
             matched_percent: percent(matched, matchable),
             captured: captured as u32,
@@ -136,7 +189,7 @@ impl Sightings {
             coverage_percent: percent(captured, capturable),
             coverage_exposed_percent: percent(number(&above), exposed),
             capturable_percent: percent(capturable, exposed),
-            cells,
+            cells: cells.clone(),
         }
     }
 }

@@ -70,13 +70,14 @@ fn is_missed(route: &Route, last: Option<&Passage>, index: usize) -> bool {
 
 /// The most that an image is smeared by the flight during its exposure, at the surface nearest to it, px; 0 without images.
 pub fn blur_px(images: &[Image], rig: &Rig, profile: &Profile, clearance: &Clearance) -> f64 {
-    let smear_px = |image: &Image| {
+    images.iter().fold(0.0, |most_px: f64, image| {
         let speed_mps = profile.at(image.time_s).map_or(0.0, |passage| passage.velocity_mps.norm());
-        // The ground is the surface when nothing is nearer.
-        let distance_m = clearance.point_distance_m(&image.position_m, image.position_m.z);
-        speed_mps * rig.exposure_s / (distance_m * rig.pixel_rad(image.camera as usize)).max(f64::MIN_POSITIVE)
-    };
-    images.iter().map(smear_px).fold(0.0, f64::max)
+        let smear_px_m = speed_mps * rig.exposure_s / rig.pixel_rad(image.camera as usize);
+        // A surface counts when it smears more than the most so far. The ground is the surface when nothing is nearer.
+        let cap_m = image.position_m.z.min(smear_px_m / most_px.max(f64::MIN_POSITIVE));
+        let distance_m = clearance.point_distance_m(&image.position_m, cap_m);
+        most_px.max(smear_px_m / distance_m.max(f64::MIN_POSITIVE))
+    })
 }
 
 /// Where a rig is turned at an exposure: a gimbal as the route says; bolted cameras ahead along the curve, which on an arc is its

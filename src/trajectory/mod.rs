@@ -7,6 +7,7 @@ pub mod images;
 pub mod limits;
 pub mod plan;
 pub mod profile;
+pub mod record;
 pub mod route;
 pub mod safety;
 pub mod samples;

@@ -1,6 +1,7 @@
 //! The final safety check: no plan is published whose curve leaves the safe space anywhere.
 
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 use super::corner::Corner;
 use super::curve::{Arc, Curve};
@@ -29,6 +30,8 @@ const SAGITTA_M: f64 = 1e-2;
 const COARSE_SAGITTA_M: f64 = 0.1;
 /// An arc that is not safe is tried again at half the distance from its corner, this often; then the drone stops there.
 const HALVINGS: i32 = 5;
+/// Legs or arcs that a worker takes at once, at least.
+const LEAST_PARTS: usize = 32;
 
 /// How far the arc at each waypoint may pass from it, m: as far as the settings say, less where that arc would not be safe, and not at all
 /// where none is. The legs of the path are safe, so there is always a way to fly it.
@@ -43,30 +46,34 @@ pub fn deviations_m(path: &[Pose], limits: &Limits, free: &FreeSpace) -> Vec<f64
         (0..=HALVINGS).map(|halved| widest_m / f64::from(1 << halved)).find(is_safe).unwrap_or(0.0)
     };
     let mut deviations_m = vec![0.0; path.len()];
-    for (deviation_m, at) in deviations_m.iter_mut().skip(1).zip(path.windows(3)) {
-        *deviation_m = safe_m(at);
-    }
+    let inner = deviations_m.par_iter_mut().skip(1).zip(path.par_windows(3)).with_min_len(LEAST_PARTS);
+    inner.for_each(|(deviation_m, at)| *deviation_m = safe_m(at));
     deviations_m
 }
 
 /// Checks the whole of the curve, its arcs included, and every waypoint; returns the smallest distance of the curve to a structure or to the
 /// ground, m: up to two centimetres too small where that lies on an arc.
 pub fn check(curve: &Curve, free: &FreeSpace) -> Result<f64, UnsafeCurve> {
-    for (index, p) in curve.waypoints.iter().enumerate() {
-        if let Some(cause) = free.obstruction_at(p) {
-            return Err(UnsafeCurve::Waypoint { index, position: format!("{:.1}, {:.1}, {:.1}", p.x, p.y, p.z), cause });
-        }
-    }
-    for from in 0..curve.legs() {
-        let [start, end] = curve.straight(from);
-        if let Some(cause) = free.obstruction_between(&start, &end) {
-            return Err(UnsafeCurve::Leg { from, cause });
-        }
-    }
-    for (index, arc) in curve.arcs.iter().enumerate() {
-        if let Some(cause) = arc_obstruction(arc, free) {
-            return Err(UnsafeCurve::Arc { index, cause });
-        }
+    let waypoints = curve.waypoints.par_iter().enumerate().with_min_len(LEAST_PARTS).find_map_first(|(index, p)| {
+        let cause = free.obstruction_at(p)?;
+        Some(UnsafeCurve::Waypoint { index, position: format!("{:.1}, {:.1}, {:.1}", p.x, p.y, p.z), cause })
+    });
+    let legs = || {
+        (0..curve.legs()).into_par_iter().with_min_len(LEAST_PARTS).find_map_first(|from| {
+            let [start, end] = curve.straight(from);
+            free.obstruction_between(&start, &end).map(|cause| UnsafeCurve::Leg { from, cause })
+        })
+    };
+    let arcs = || {
+        curve
+            .arcs
+            .par_iter()
+            .enumerate()
+            .with_min_len(LEAST_PARTS)
+            .find_map_first(|(index, arc)| arc_obstruction(arc, free).map(|cause| UnsafeCurve::Arc { index, cause }))
+    };
+    if let Some(unsafe_part) = waypoints.or_else(legs).or_else(arcs) {
+        return Err(unsafe_part);
     }
     Ok(least_distance_m(curve, free))
 }
@@ -102,14 +109,18 @@ fn least_distance_m(curve: &Curve, free: &FreeSpace) -> f64 {
     // A curve of straight parts and arcs is lowest at a waypoint or on an arc.
     let ground_m = lowest_m(&mut sides().chain(curve.arcs.iter().flat_map(Arc::ends)));
     let first_m = curve.waypoints.first().map_or(ground_m, |p| clearance.point_distance_m(p, ground_m.min(p.z)));
-    let of_legs_m = (0..curve.legs()).map(|leg| curve.straight(leg)).fold(first_m.min(ground_m), distance_m);
-    curve.arcs.iter().fold(of_legs_m, |least_m, arc| {
+    let least = |one_m: f64, other_m: f64| one_m.min(other_m);
+    let legs = (0..curve.legs()).into_par_iter().with_min_len(LEAST_PARTS).map(|leg| curve.straight(leg));
+    let of_legs_m = legs.fold(|| first_m.min(ground_m), distance_m).reduce(|| f64::INFINITY, least).min(first_m.min(ground_m));
+    let of_arc_m = |least_m: f64, arc: &Arc| {
         let [start, end] = arc.ends();
         if clearance.keeps_distance(&start, &end, least_m + arc.sagitta_m()) {
             return least_m;
         }
         arc.hull(SAGITTA_M).flatten().fold(least_m, distance_m)
-    })
+    };
+    let arcs = curve.arcs.par_iter().with_min_len(LEAST_PARTS);
+    arcs.fold(|| of_legs_m, of_arc_m).reduce(|| of_legs_m, least)
 }
 
 #[cfg(test)]

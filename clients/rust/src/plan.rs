@@ -50,6 +50,17 @@ impl PlanMessage {
         (self.header.client, self.header.correlation)
     }
 
+    /// The epoch of the scene's plan before this one and the first waypoint that differs from it, so that an aircraft that is not there yet can go
+    /// over from one to the other; `None` for a scene's first plan.
+    pub fn differs_from(&self) -> Option<(u64, usize)> {
+        (self.header.follows != 0).then_some((self.header.follows, self.header.first_changed as usize))
+    }
+
+    /// Why there is no flight in the scene as it is now, if there is none: then no plan of it from before is to be flown.
+    pub fn infeasible(&self) -> Option<&str> {
+        self.table().infeasible()
+    }
+
     /// The daemon that made it: another one after a restart.
     pub fn instance(&self) -> u64 {
         self.header.instance

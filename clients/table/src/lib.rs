@@ -13,4 +13,4 @@ pub mod plan;
 
 pub use field::{FieldTable, FieldTableMut};
 pub use layout::{Block, LayoutError, Section, blocks_for};
-pub use plan::PlanTable;
+pub use plan::{PlanTable, PlanTableMut};

@@ -7,6 +7,8 @@ use crate::layout::{self, Block, LayoutError, Section};
 /// "OVFLYPLN" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYPLN");
 pub const SCHEMA: u32 = 4;
+/// The code of [`PlanFacts::stop`] for a scene in which there is no flight.
+pub const INFEASIBLE: u64 = 8;
 
 /// The figures of a plan, in the order of `metrics` in `plan.json`.
 #[repr(C)]
@@ -68,7 +70,8 @@ pub struct PlanFacts {
     pub iterations: u64,
     /// 0 the coverage goal was reached, 1 the iterations were used up, 2 the search was stopped, 3 its memory was
     /// used up, 4 nothing more could be reached, 5 the method has done all that it does, 6 there was no search yet: what could
-    /// still be flown of an earlier flight after an edit.
+    /// still be flown of an earlier flight after an edit, 7 the search goes on and has found a better flight than before, 8 there is no
+    /// flight: see [`PlanTable::infeasible`].
     pub stop: u64,
     pub origin_lat_deg: f64,
     pub origin_lon_deg: f64,
@@ -200,6 +203,39 @@ impl PlanCounts {
     }
 }
 
+/// A plan that is being written where it will be read.
+#[derive(Debug)]
+pub struct PlanTableMut<'a> {
+    pub waypoints: &'a mut [WaypointRow],
+    pub images: &'a mut [ImageRow],
+    pub cameras: &'a mut [CameraRow],
+    pub cells: &'a mut [CellsRow],
+    pub iterations: &'a mut [IterationRow],
+    pub text: &'a mut [u8],
+}
+
+impl<'a> PlanTableMut<'a> {
+    /// Writes the header into `blocks`, which must be exactly as long as [`PlanCounts::blocks`] says, and zeroes the sections.
+    pub fn create(blocks: &'a mut [Block], counts: &PlanCounts, facts: &PlanFacts) -> Self {
+        assert_eq!(blocks.len(), counts.blocks(), "the caller sizes the table with PlanCounts::blocks");
+        blocks.fill(Block::ZERO);
+        let (sections, total_bytes) = counts.sections();
+        let header_bytes = size_of::<PlanHeader>();
+        let header =
+            PlanHeader { magic: MAGIC, schema: SCHEMA, header_bytes: header_bytes as u32, total_bytes, facts: *facts, sections };
+        bytemuck::cast_slice_mut::<Block, u8>(blocks)[..header_bytes].copy_from_slice(bytemuck::bytes_of(&header));
+        let [waypoints, images, cameras, cells, iterations, text] = layout::split_mut(blocks, sections, ROW_BYTES);
+        Self {
+            waypoints: bytemuck::cast_slice_mut(waypoints),
+            images: bytemuck::cast_slice_mut(images),
+            cameras: bytemuck::cast_slice_mut(cameras),
+            cells: bytemuck::cast_slice_mut(cells),
+            iterations: bytemuck::cast_slice_mut(iterations),
+            text,
+        }
+    }
+}
+
 /// A plan that can be read.
 #[derive(Clone, Copy, Debug)]
 pub struct PlanTable<'a> {
@@ -210,7 +246,7 @@ pub struct PlanTable<'a> {
     /// One row for each sample of the field that the plan was made on, in its order.
     pub cells: &'a [CellsRow],
     pub iterations: &'a [IterationRow],
-    /// Lines of UTF-8 text: scene, rig, method, then the names of the rig's cameras.
+    /// Lines of UTF-8 text: scene, rig, method, then the names of the rig's cameras; scene and reason where there is no flight.
     pub text: &'a [u8],
 }
 
@@ -232,29 +268,10 @@ impl<'a> PlanTable<'a> {
         })
     }
 
-    /// Writes a plan into `blocks`, which must be exactly as long as [`PlanCounts::blocks`] of these sections says.
-    pub fn write(&self, blocks: &mut [Block]) {
-        let counts = self.counts();
-        assert_eq!(blocks.len(), counts.blocks(), "the caller sizes the table with PlanCounts::blocks");
-        blocks.fill(Block::ZERO);
-        let (sections, total_bytes) = counts.sections();
-        let header_bytes = size_of::<PlanHeader>();
-        let header = PlanHeader {
-            magic: MAGIC,
-            schema: SCHEMA,
-            header_bytes: header_bytes as u32,
-            total_bytes,
-            facts: *self.facts,
-            sections,
-        };
-        bytemuck::cast_slice_mut::<Block, u8>(blocks)[..header_bytes].copy_from_slice(bytemuck::bytes_of(&header));
-        let [waypoints, images, cameras, cells, iterations, text] = layout::split_mut(blocks, sections, ROW_BYTES);
-        waypoints.copy_from_slice(bytemuck::cast_slice(self.waypoints));
-        images.copy_from_slice(bytemuck::cast_slice(self.images));
-        cameras.copy_from_slice(bytemuck::cast_slice(self.cameras));
-        cells.copy_from_slice(bytemuck::cast_slice(self.cells));
-        iterations.copy_from_slice(bytemuck::cast_slice(self.iterations));
-        text.copy_from_slice(self.text);
+    /// Why there is no flight in the scene since an edit; `None` where there is one.
+    pub fn infeasible(&self) -> Option<&'a str> {
+        let text = || std::str::from_utf8(self.text).ok()?.split_terminator('\n').nth(1);
+        (self.facts.stop == INFEASIBLE).then(|| text().unwrap_or("the daemon gives no reason"))
     }
 
     pub fn counts(&self) -> PlanCounts {

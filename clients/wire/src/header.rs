@@ -8,8 +8,8 @@ use overfly_table::Block;
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYMSG");
 
 /// Version of the header, the bodies and the services. Both sides must agree. Version 2 has orders with rig files and view directions, 3 those with goals, seconds and
-/// regions, 4 those with goals for matched views and objectives, 5 those with an overlap.
-pub const SCHEMA: u32 = 5;
+/// regions, 4 those with goals for matched views and objectives, 5 those with an overlap. Version 6 says how a plan differs from the one before it.
+pub const SCHEMA: u32 = 6;
 
 /// Who sent what, and how long it is.
 #[repr(C)]
@@ -31,6 +31,10 @@ pub struct Header {
     pub body_bytes: u64,
     /// Length of the bulk data, which starts at the next block after the body, bytes.
     pub bulk_bytes: u64,
+    /// Of a plan: the epoch of the scene's plan before it; 0 without one, and in other messages.
+    pub follows: u64,
+    /// Of a plan that follows another one: the first waypoint that is not as it was there. The flight may be spliced in before it.
+    pub first_changed: u64,
 }
 
 /// What a message is.

@@ -52,6 +52,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     values[6] = values[2].iter().map(|build_ms| rays as f64 / build_ms / 1e3).collect();
     let [load, survey, build, all, updated, rebuilt, rate] = values;
     Ok(Report {
+        figures: Vec::new(),
         facts: [facts(&field, arguments.repeat), vec![("rays", json!(rays))]].concat(),
         rows: vec![
             Row { step: "load", unit: "ms", values: load, limit: "" },

@@ -41,6 +41,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     drop(meter);
     daemon.stop(client)?;
     Ok(Report {
+        figures: Vec::new(),
         facts: vec![
             ("structures", json!(loaded.structures)),
             ("samples", json!(loaded.samples)),

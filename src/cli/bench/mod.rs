@@ -27,6 +27,8 @@ struct Report {
     /// Facts of the scene and of the results, in order.
     facts: Vec<(&'static str, Value)>,
     rows: Vec<Row>,
+    /// What programs look for by name.
+    figures: Vec<(&'static str, Value)>,
 }
 
 /// One measured step.
@@ -58,7 +60,9 @@ impl Report {
         let facts: serde_json::Map<String, Value> =
             self.facts.iter().map(|(name, value)| (name.replace(' ', "_"), value.clone())).collect();
         let rows: Vec<Value> = self.rows.iter().map(Row::to_json).collect();
-        Answer { text, json: json!({ "machine": machine, "version": env!("CARGO_PKG_VERSION"), "facts": facts, "steps": rows }) }
+        let mut json = json!({ "machine": machine, "version": env!("CARGO_PKG_VERSION"), "facts": facts, "steps": rows });
+        self.figures.iter().for_each(|(name, value)| json[*name] = value.clone());
+        Answer { text, json }
     }
 }
 
@@ -94,13 +98,17 @@ impl Row {
         self.quantile(0.5)
     }
 
-    /// The nearest-rank quantile.
     fn quantile(&self, share: f64) -> f64 {
-        let mut sorted = self.values.clone();
-        sorted.sort_by(f64::total_cmp);
-        let rank = (share * sorted.len() as f64).ceil() as usize;
-        sorted.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
+        quantile(&self.values, share)
     }
+}
+
+/// The nearest-rank quantile.
+fn quantile(values: &[f64], share: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let rank = (share * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
 }
 
 #[cfg(test)]

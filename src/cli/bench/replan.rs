@@ -10,10 +10,10 @@ use overfly_client::{Client, EditOrder, PlanMessage, PlanOrder, PlanWatch, Scene
 use overfly_table::field::StructureRow;
 use overfly_table::plan::WaypointRow;
 use overfly_table::{FieldTable, PlanTable};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::ipc::SettingsFile;
-use super::{Report, Row, field};
+use super::{Report, Row, field, quantile};
 use crate::cli::answer::Form;
 use crate::cli::arguments::BenchArgs;
 use crate::cli::failure::Failure;
@@ -84,6 +84,17 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
         ("field update over rebuild", json!(ratio)),
         ("daemon resident MB", json!(resident_mb)),
     ];
+    let all_ms: Vec<f64> = measured.iter().flat_map(|one| one.first_plan_ms.clone()).collect();
+    let mut first_safe_plan_ms = quantiles(&all_ms);
+    for (place, one) in ["on_path", "beside", "elsewhere"].into_iter().zip(&measured) {
+        first_safe_plan_ms[place] = quantiles(&one.first_plan_ms);
+    }
+    let figures = vec![
+        ("first_safe_plan_ms", first_safe_plan_ms),
+        ("field_update_ms", quantiles(&update_ms)),
+        ("field_rebuild_ms", quantiles(&rebuild_ms)),
+        ("field_update_over_rebuild", json!(ratio)),
+    ];
     let field_ms = measured.iter().flat_map(|one| one.field_ms.clone()).collect();
     let mut rows: Vec<Row> = PLACES
         .into_iter()
@@ -110,7 +121,12 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
             limit: "goal 150 (delfshaven, nihonbashi), 1500 (marunouchi)",
         },
     ]);
-    Ok(Report { facts, rows })
+    Ok(Report { facts, rows, figures })
+}
+
+fn quantiles(values: &[f64]) -> Value {
+    let [p50, p99, max] = [0.5, 0.99, 1.0].map(|share| quantile(values, share));
+    json!({ "p50": p50, "p99": p99, "max": max })
 }
 
 fn mean(values: &[f64]) -> f64 {

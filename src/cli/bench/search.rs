@@ -44,6 +44,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let mut all_facts = field::facts(&snapshot.field(), arguments.repeat);
     all_facts.extend(facts);
     Ok(Report {
+        figures: Vec::new(),
         facts: all_facts,
         rows: vec![
             Row { step: "tree search", unit: "ms", values: search_ms, limit: "6 to 9 at 400 iterations, 660 at 10000; goal 500" },

@@ -99,6 +99,7 @@ fn ending(plan: &Plan) -> String {
         StopReason::MemoryUsed => format!("memory used up after {iterations}"),
         StopReason::SpaceExhausted => format!("nothing more to reach after {iterations}"),
         StopReason::Repaired => "repaired after an edit, not improved yet".to_owned(),
+        StopReason::Improved => "improved after an edit, the search goes on".to_owned(),
         StopReason::Complete => "the method is complete".to_owned(),
         StopReason::Cancelled => format!("stopped after {iterations}"),
     }

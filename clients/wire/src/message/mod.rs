@@ -1,0 +1,104 @@
+//! The bodies of requests and replies, and the checks on what a client has sent.
+
+mod check;
+mod edit;
+mod plan;
+mod reply;
+mod status;
+#[cfg(test)]
+mod tests;
+
+use serde::{Deserialize, Serialize};
+
+pub use self::check::{MAX_COORDINATE_M, MAX_NAME_BYTES, MAX_PATH_BYTES, check_scene_name, plain_scene_name};
+use self::check::{check_file_name, check_path};
+pub use self::edit::EditOrder;
+pub use self::plan::{MAX_ITERATIONS, MAX_RIG_FILE_BYTES, MAX_SECONDS, PlanOrder};
+pub use self::reply::{Loaded, ProgressNote, Refusal, RefusalCode, Reply, Stage, StructureInfo};
+pub use self::status::{PlanSummary, SceneState, SceneStatus, Status};
+
+/// Most corners of an outline.
+pub const MAX_OUTLINE_CORNERS: usize = 10_000;
+
+/// What a client may ask for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// The first message: [`Reply::Welcome`].
+    Hello,
+    /// Nothing but an answer: [`Reply::Acknowledged`].
+    Ping,
+    /// A scene file that the daemon can read; the bytes of an absolute path.
+    LoadPath {
+        path: Vec<u8>,
+        name: Option<String>,
+    },
+    /// A scene file that follows as bulk; its name or, better, its absolute path tells its format and names the scene.
+    LoadBytes {
+        file_name: String,
+        name: Option<String>,
+    },
+    Unload {
+        scene: String,
+    },
+    Plan {
+        scene: String,
+        order: Box<PlanOrder>,
+    },
+    Edit {
+        scene: String,
+        edit: EditOrder,
+    },
+    /// Ends the scene's running search; its best plan so far is published.
+    Cancel {
+        scene: String,
+    },
+    /// Where the field of a scene is published: [`Reply::Located`].
+    Locate {
+        scene: String,
+    },
+    /// Publishes the scene's last plan once more, for a receiver that missed it: [`Reply::Planned`] names it.
+    Republish {
+        scene: String,
+    },
+    /// What became of an earlier request of this client.
+    Outcome {
+        correlation: u64,
+    },
+    Structures {
+        scene: String,
+    },
+    Status,
+    Reload,
+    Stop,
+}
+impl Request {
+    /// Judges the values of a request that was decoded; the error says what is wrong and what is allowed.
+    pub fn check(&self) -> Result<(), Refusal> {
+        match self {
+            Request::LoadPath { path, name } => {
+                check_path(path)?;
+                name.as_deref().map_or(Ok(()), check_scene_name)
+            }
+            Request::LoadBytes { file_name, name } => {
+                check_file_name(file_name)?;
+                name.as_deref().map_or(Ok(()), check_scene_name)
+            }
+            Request::Plan { scene, order } => {
+                check_scene_name(scene)?;
+                order.check()
+            }
+            Request::Edit { scene, edit } => {
+                check_scene_name(scene)?;
+                edit.check()
+            }
+            Request::Unload { scene }
+            | Request::Cancel { scene }
+            | Request::Locate { scene }
+            | Request::Republish { scene }
+            | Request::Structures { scene } => check_scene_name(scene),
+            Request::Hello | Request::Ping | Request::Outcome { .. } | Request::Status | Request::Reload | Request::Stop => {
+                Ok(())
+            }
+        }
+    }
+}

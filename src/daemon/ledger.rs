@@ -4,8 +4,9 @@ use std::collections::{HashMap, VecDeque};
 
 use overfly_wire::Reply;
 
-/// Requests that are remembered after they were answered.
-const REMEMBERED: usize = 256;
+/// Requests that are remembered after they were answered: seconds of a flood, so that a client that missed its answer and reminds does not run its
+/// request again.
+const REMEMBERED: usize = 16_384;
 /// Bytes of replies that are remembered; the newest is remembered whatever its length.
 const REMEMBERED_BYTES: usize = 16 << 20;
 
@@ -148,7 +149,7 @@ mod tests {
     fn work_in_progress_is_never_forgotten_and_old_answers_are() {
         let mut ledger = Ledger::default();
         ledger.see(TICKET);
-        for correlation in 2..2000 {
+        for correlation in 2..2 * REMEMBERED as u64 {
             let ticket = Ticket { client: 1, correlation };
             ledger.see(ticket);
             ledger.answer(ticket, &Reply::Done, false);

@@ -91,14 +91,11 @@ impl Session {
     pub fn survey_after(&self, earlier: &Snapshot, stop: &StopToken) -> Result<Survey, FieldError> {
         let differences = Differences::between(&earlier.scene, &self.scene);
         let free = FreeSpace::after(&earlier.free, &self.scene, &differences, &self.settings.flight)?;
-        if !free.has_rules_of(&earlier.free) {
-            return self.survey(stop);
-        }
         self.check_size(&free, stop)?;
         let footing = &earlier.footing;
         let samples = self.sampler.sample_after(&self.scene, &differences, &footing.samples, stop).ok_or(FieldError::Stopped)?;
-        let boxes = differences.boxes();
-        let sites = field::sites_after(&free, &self.pins.lattice, &footing.sites, &earlier.free.limits, boxes, stop);
+        let limits = &earlier.free.limits;
+        let sites = field::sites_after(&free, &self.pins.lattice, &footing.sites, limits, &differences, stop);
         let sites = sites.ok_or(FieldError::Stopped)?;
         let outlines = Outlines::after(&footing.outlines, &self.scene, &differences);
         self.surveyed(free, samples, sites, outlines, Some((earlier.clone(), differences)), stop)

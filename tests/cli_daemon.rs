@@ -155,6 +155,77 @@ fn a_scene_is_loaded_listed_edited_and_replanned() {
 }
 
 #[test]
+fn shapes_zones_and_lists_of_edits_are_made_by_commands() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    place.json(&["load", &scene]);
+    let roof = "o a\nv 80 0 0\nv 90 0 0\nv 90 10 0\nv 85 5 9\no b\nf 1 2 4\nf 2 3 4\n";
+    std::fs::write(place.path("roof.obj"), roof).unwrap();
+    place.json(&["edit", "town", "add", "--name", "roof", "--mesh", "roof.obj"]);
+    place.json(&["edit", "town", "add", "--name", "hook", "--centre", "-60,0,30", "--size", "2,3,4", "--yaw", "-30"]);
+    place.json(&["edit", "town", "add-zone", "--name", "pad", "--outline", "-9,-90 9,-90 0,-70", "--ceiling", "50"]);
+    let walls = ["--outline", "60,60 70,60 70,70", "--height", "20"];
+    place.json(&[&["edit", "town", "replace", "shed"], walls.as_slice()].concat());
+    let content = place.json(&["status", "town"]);
+    let kind = |name: &str| {
+        let rows = content["structures"].as_array().unwrap();
+        rows.iter().find(|row| row["name"] == name).map(|row| (row["kind"].clone(), row["top_m"].clone()))
+    };
+    assert_eq!(kind("roof"), Some(("mesh".into(), 9.0.into())));
+    assert_eq!(kind("hook"), Some(("obstacle".into(), 32.0.into())));
+    assert_eq!(kind("shed"), Some(("prism".into(), 20.0.into())));
+    assert_eq!(content["zones"], serde_json::json!([{ "name": "pad", "floor_m": 0.0, "ceiling_m": 50.0, "by_edit": true }]));
+
+    let batch = |name: &str, last: Value| {
+        let list =
+            serde_json::json!([{ "raise": { "structure": "tower", "by_m": 3 } }, { "remove-zone": { "name": "pad" } }, last]);
+        std::fs::write(place.path(name), list.to_string()).unwrap();
+    };
+    batch("bad.json", serde_json::json!({ "remove": { "structure": "gone" } }));
+    let message = place.fails(5, "refused", &["edit", "town", "batch", "bad.json"]);
+    assert!(message.starts_with("edit 3 of 3: ") && message.contains("gone"), "{message}");
+    batch("good.json", serde_json::json!({ "move": { "structure": "roof", "by_m": [1, 1] } }));
+    assert_eq!(place.json(&["edit", "town", "batch", "good.json"])["revision"], 6);
+    batch("wrong.json", serde_json::json!({ "remove": { "name": "roof" } }));
+    let message = place.fails(3, "input_file", &["edit", "town", "batch", "wrong.json"]);
+    assert!(message.contains("wrong.json") && message.contains("[2].remove"), "{message}");
+    place.fails(3, "input_file", &["edit", "town", "replace", "roof", "--mesh", &scene]);
+    place.fails(2, "usage", &["edit", "town", "replace", "roof", "--mesh", "roof.obj", "--height", "3"]);
+    assert_eq!(place.json(&["status"])["scenes"][0]["revision"], 6);
+}
+
+#[test]
+fn a_new_version_of_a_file_is_compared_and_taken_over() {
+    let place = Place::new();
+    let scene = place.scene();
+    let _daemon = place.serve(&[]);
+    place.json(&["load", &scene]);
+    place.json(&["plan", "town", "--method", "paper", "--iterations", "40"]);
+    place.json(&["edit", "town", "add", "--name", "hook", "--centre", "-60,0,30", "--size", "2,3,4", "--no-wait"]);
+    let mut version: Value = serde_json::from_slice(&place.read(&scene)).unwrap();
+    let features = version["features"].as_array_mut().unwrap();
+    features[1]["properties"]["height"] = 30.into();
+    features.remove(2);
+    std::fs::write(place.path("town-2.geojson"), version.to_string()).unwrap();
+    let told = place.json(&["update", "town", "town-2.geojson", "--dry-run"]);
+    assert_eq!((&told["revision"], &told["changes"]["changed"]), (&2.into(), &serde_json::json!(["tower"])));
+    assert_eq!(told["changes"]["removed"], serde_json::json!(["shed"]));
+    let text = program::stdout(&place.run(&["update", "town", "town-2.geojson", "--dry-run"]));
+    assert!(text.contains("1 removed: shed") && text.contains("nothing was changed"), "{text}");
+    let made = place.json(&["update", "town", "town-2.geojson", "--out", "after"]);
+    assert_eq!((&made["revision"], &made["changes"]), (&3.into(), &told["changes"]));
+    assert_eq!(place.files("after"), ["plan.json", "plan.svg", "run.json"]);
+    let names: Vec<Value> =
+        place.json(&["status", "town"])["structures"].as_array().unwrap().iter().map(|row| row["name"].clone()).collect();
+    assert!(names.len() == 4 && names.contains(&"hook".into()), "{names:?}");
+    let same = program::stdout(&place.run(&["update", "town", "town-2.geojson"]));
+    assert!(same.contains("nothing was changed"), "{same}");
+    place.fails(3, "input_file", &["update", "town", "missing.geojson"]);
+    place.fails(5, "refused", &["update", "city", "town-2.geojson"]);
+}
+
+#[test]
 fn a_configuration_is_read_again_on_request() {
     let place = Place::new();
     let scene = place.scene();

@@ -3,74 +3,17 @@
 mod served;
 
 use std::collections::BTreeMap;
-use std::mem::MaybeUninit;
 use std::time::Duration;
 
-use iceoryx2::prelude::EventId;
 use overfly_client::{EditOrder, RefusalCode};
 use overfly_table::Block;
 use overfly_wire::codec;
 use overfly_wire::frame::{self, Limits};
-use overfly_wire::service::{
-    self, Bell, BlockPublisher, BlockSubscriber, Channel, EVENT_REQUEST, EventNotifier, IpcNode, Memory,
-};
-use overfly_wire::{Domain, Header, Kind, Reply, Request, SCHEMA, WireBlock};
+use overfly_wire::{Header, Kind, Reply, Request, SCHEMA, WireBlock};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
+use served::vandal::{Vandal, honest};
 use served::{Served, load, quick, refusal, wait_for};
-
-/// A client that keeps to no rule.
-struct Vandal {
-    requests: BlockPublisher,
-    replies: BlockSubscriber,
-    ring: EventNotifier,
-    _node: IpcNode,
-}
-
-impl Vandal {
-    fn enter(domain: &Domain) -> Self {
-        let node = service::node(domain, "vandal").unwrap();
-        let requests = service::publisher(&service::open(&node, Channel::Requests).unwrap(), Memory::Growing).unwrap();
-        let replies = service::subscriber(&service::open(&node, Channel::Replies).unwrap()).unwrap();
-        let ring = service::notifier(&service::open_bell(&node, Bell::Daemon).unwrap()).unwrap();
-        Self { requests, replies, ring, _node: node }
-    }
-
-    fn send(&self, header: Header, payload: &[Block]) {
-        let mut sample = wait_for("a place for the message", || self.requests.loan_slice_uninit(payload.len()).ok());
-        *sample.user_header_mut() = header;
-        for (place, block) in sample.payload_mut().iter_mut().zip(payload) {
-            *place = MaybeUninit::new(WireBlock(*block));
-        }
-        // SAFETY: every block was written just now.
-        unsafe { sample.assume_init() }.send().unwrap();
-        self.ring.notify_with_custom_event_id(EventId::new(EVENT_REQUEST)).unwrap();
-    }
-
-    fn answer(&self, correlation: u64) -> Reply {
-        wait_for("an answer", || {
-            let sample = self.replies.receive().unwrap()?;
-            let header = *sample.user_header();
-            let limits = Limits { body_bytes: codec::MAX_REPLY_BYTES, bulk_bytes: 0 };
-            let frame = frame::copy(&header, WireBlock::blocks(sample.payload()), Kind::Reply, limits).unwrap();
-            (header.correlation == correlation).then(|| codec::decode_reply(&frame.body).unwrap())
-        })
-    }
-
-    fn refusal(&self, correlation: u64) -> (RefusalCode, String) {
-        match self.answer(correlation) {
-            Reply::Refused(refusal) => (refusal.code, refusal.message),
-            other => panic!("expected a refusal, got {other:?}"),
-        }
-    }
-}
-
-fn honest(request: &Request, correlation: u64) -> (Header, Vec<Block>) {
-    let body = codec::encode(request, codec::MAX_REQUEST_BYTES).unwrap();
-    let mut payload = vec![Block::ZERO; frame::blocks(body.len(), 0)];
-    frame::fill(&mut payload, &body, &[]);
-    (Header { client: 7, correlation, body_bytes: body.len() as u64, ..Header::new(Kind::Request) }, payload)
-}
 
 #[test]
 fn every_malformed_message_is_refused_with_its_reason() {
@@ -79,7 +22,7 @@ fn every_malformed_message_is_refused_with_its_reason() {
     let vandal = Vandal::enter(&served.domain);
     let (header, payload) = honest(&Request::Status, 0);
     let nan = EditOrder::Raise { structure: "a".into(), by_m: f64::NAN };
-    let (not_finite, edit) = honest(&Request::Edit { scene: "block".into(), edit: nan }, 0);
+    let (not_finite, edit) = honest(&Request::Edit { scene: "block".into(), edits: vec![nan] }, 0);
     let cases = [
         (Header { schema: SCHEMA + 9, ..header }, &payload, RefusalCode::Malformed, "one release"),
         (Header { magic: 3, ..header }, &payload, RefusalCode::Malformed, "not written by overfly"),
@@ -151,7 +94,7 @@ fn a_request_that_is_sent_twice_runs_once() {
     load(&client, "block");
     let structure = client.structures("block").unwrap()[0].name.clone();
     let raise = EditOrder::Raise { structure, by_m: 1.0 };
-    let (header, payload) = honest(&Request::Edit { scene: "block".into(), edit: raise }, 1);
+    let (header, payload) = honest(&Request::Edit { scene: "block".into(), edits: vec![raise] }, 1);
     let vandal = Vandal::enter(&served.domain);
     for _ in 0..4 {
         vandal.send(header, &payload);
@@ -194,7 +137,8 @@ fn edits_that_come_at_once_are_each_answered_and_a_plan_before_them_is_made_agai
         let (header, payload) = honest(&request, correlation);
         vandal.send(header, &payload);
     };
-    let raise = || Request::Edit { scene: "block".into(), edit: EditOrder::Raise { structure: structure.clone(), by_m: 1.0 } };
+    let raise =
+        || Request::Edit { scene: "block".into(), edits: vec![EditOrder::Raise { structure: structure.clone(), by_m: 1.0 }] };
     let plan = |order| Request::Plan { scene: "block".into(), order: Box::new(order) };
 
     // An order that cannot be flown is not followed up.

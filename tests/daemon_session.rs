@@ -213,7 +213,7 @@ fn served_below_a_low_ceiling() -> Served {
 
 fn slab() -> EditOrder {
     let outline_m = vec![[-200.0, -200.0], [200.0, -200.0], [200.0, 200.0], [-200.0, 200.0]];
-    EditOrder::Add { name: "slab".into(), outline_m, base_m: 0.0, top_m: 119.0 }
+    EditOrder::add_prism("slab", outline_m, 0.0, 119.0)
 }
 
 #[test]
@@ -369,7 +369,7 @@ fn a_replan_whose_start_was_built_over_takes_another_start_and_says_so() {
     let order = overfly_client::PlanOrder { start_m: Some([start.x, start.y, start.z]), ..quick() };
     client.plan("block", &order, &mut |_| {}).unwrap();
     let outline_m = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]].map(|[x, y]| [start.x + x, start.y + y]).to_vec();
-    let tower = EditOrder::Add { name: "tower".into(), outline_m, base_m: 0.0, top_m: start.z + 2.0 };
+    let tower = EditOrder::add_prism("tower", outline_m, 0.0, start.z + 2.0);
     let edited = client.edit("block", &tower).unwrap();
     let replan = client.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
     assert_eq!(replan.table().facts.revision, 2);

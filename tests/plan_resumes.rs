@@ -41,7 +41,7 @@ fn pillar_on(plan: &Plan, number: usize) -> Edit {
     let (x, y) = (middle.x, middle.y);
     let footprint =
         polygon![(x: x - 1.0, y: y - 1.0), (x: x + 1.0, y: y - 1.0), (x: x + 1.0, y: y + 1.0), (x: x - 1.0, y: y + 1.0)];
-    Edit::Add { name: format!("pillar-{number}"), footprint, base_m: 0.0, top_m: middle.z + 1.0 }
+    Edit::add_prism(format!("pillar-{number}"), footprint, 0.0, middle.z + 1.0)
 }
 
 fn is_safe(plan: &Plan, snapshot: &Snapshot) -> bool {

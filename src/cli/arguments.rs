@@ -1,9 +1,12 @@
 //! What can be said on the command line.
 
+mod edit;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+pub use self::edit::{Change, EditArgs, ShapeArgs, UpdateArgs};
 use super::values::{self, Degrees2, Meters2, Meters3, Outline};
 use crate::scene::degrade::Boundary;
 
@@ -56,8 +59,10 @@ pub enum Command {
     Plan(Box<PlanArgs>),
     /// Predict Error and Completeness of a plan's images, on its own scene or on another
     Evaluate(EvaluateArgs),
-    /// Change one structure of a loaded scene and receive the new plan
+    /// Change structures or no-fly zones of a loaded scene and receive the new plan
     Edit(EditArgs),
+    /// Change what differs between a loaded scene and a new version of its file, and receive the new plan
+    Update(UpdateArgs),
     /// Receive each new plan of a scene as it is published
     Watch(WatchArgs),
     /// End the running search of a loaded scene with its best plan so far
@@ -275,74 +280,6 @@ pub struct SizeArgs {
     /// Only for a file: target number of viewpoints [default: the setting field.viewpoints, 1500]
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = values::count)]
     pub viewpoints: Option<u32>,
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = "ID is a structure's name, or its id in hexadecimal; `overfly status SCENE` lists both.\n\nExamples:\n  \
-    overfly edit town raise 8f02ac51a0b3c4d5 --by 15\n  overfly edit town move crane --by -12.5,4\n  \
-    overfly edit town add --name crane --outline \"0,0 8,0 8,8 0,8\" --height 60\n  overfly edit town remove crane --out flights/town")]
-pub struct EditArgs {
-    /// Name of the loaded scene
-    pub scene: String,
-    #[command(subcommand)]
-    pub change: Change,
-    /// Folder for plan.json, plan.svg and run.json of the new plan
-    #[arg(long, value_name = "DIR", global = true)]
-    pub out: Option<PathBuf>,
-    /// Return as soon as the edit is made, without the new plan
-    #[arg(long, global = true, conflicts_with = "out")]
-    pub no_wait: bool,
-    /// Domain of the daemon [default: overfly]
-    #[arg(long, value_name = "NAME", global = true, env = "OVERFLY_DOMAIN", hide_env_values = true)]
-    pub domain: Option<String>,
-}
-
-#[derive(Debug, Clone, Subcommand)]
-pub enum Change {
-    /// Make a structure taller
-    Raise {
-        /// Name or hexadecimal id of the structure
-        id: String,
-        /// How much, m
-        #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = values::metres)]
-        by: f64,
-    },
-    /// Make a structure lower; 1 m must remain
-    Lower {
-        /// Name or hexadecimal id of the structure
-        id: String,
-        /// How much, m
-        #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = values::metres)]
-        by: f64,
-    },
-    /// Take a structure away
-    Remove {
-        /// Name or hexadecimal id of the structure
-        id: String,
-    },
-    /// Put up a new structure with straight walls
-    Add {
-        /// Its name
-        #[arg(long)]
-        name: String,
-        /// Corners of the outline, m east and north: "x,y x,y x,y ..."
-        #[arg(long, value_name = "CORNERS", allow_hyphen_values = true)]
-        outline: Outline,
-        /// Height of the walls, m
-        #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = values::metres)]
-        height: f64,
-        /// Where the walls begin, m above the ground
-        #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true, value_parser = values::metres)]
-        base: f64,
-    },
-    /// Shift a structure
-    Move {
-        /// Name or hexadecimal id of the structure
-        id: String,
-        /// Metres east and north
-        #[arg(long, value_name = "DX,DY", allow_hyphen_values = true)]
-        by: Meters2,
-    },
 }
 
 #[derive(Debug, Args)]
@@ -580,14 +517,5 @@ mod tests {
         let line = ["overfly", "plan", "town", "--start", "-10,-4.5,30"];
         let Command::Plan(plan) = Arguments::try_parse_from(line).unwrap().command else { panic!("another command") };
         assert_eq!(plan.order.start, Some(Meters3([-10.0, -4.5, 30.0])));
-    }
-
-    #[test]
-    fn options_of_an_edit_may_stand_behind_the_change() {
-        let line = ["overfly", "edit", "town", "move", "crane", "--by", "-1,2", "--out", "d", "--domain", "x", "--json"];
-        let arguments = Arguments::try_parse_from(line).unwrap();
-        let Command::Edit(edit) = arguments.command else { panic!("another command") };
-        assert!(arguments.json && edit.out == Some("d".into()) && edit.domain.as_deref() == Some("x"));
-        assert!(matches!(edit.change, Change::Move { by: Meters2([-1.0, 2.0]), .. }));
     }
 }

@@ -42,6 +42,9 @@ pub enum Failure {
     Settings(#[from] SettingsError),
     #[error(transparent)]
     Import(#[from] ImportError),
+    /// What is wrong with another file, and what to do about it.
+    #[error("{0}")]
+    File(String),
     #[error("cannot write {path:?}: {cause}; give another place with `--out`")]
     Write { path: PathBuf, cause: io::Error },
     #[error(transparent)]
@@ -86,7 +89,9 @@ impl Failure {
     pub fn kind(&self) -> Kind {
         match self {
             Failure::Usage(_) | Failure::Domain(_) => Kind::Usage,
-            Failure::Read { .. } | Failure::Configuration(_) | Failure::Settings(_) | Failure::Import(_) => Kind::InputFile,
+            Failure::Read { .. } | Failure::Configuration(_) | Failure::Settings(_) | Failure::Import(_) | Failure::File(_) => {
+                Kind::InputFile
+            }
             Failure::Client(error) => client_kind(error),
             Failure::Interrupted => Kind::Interrupted,
             Failure::Reproduction(ReproductionError::UnknownPart(_)) => Kind::Usage,

@@ -31,7 +31,7 @@ fn load(client: &Client, source: SceneSource, arguments: &LoadArgs, form: Form) 
 }
 
 /// The file as it is sent: under the same name that the daemon would have given it.
-fn content(file: &Path, bytes: Vec<u8>) -> SceneSource {
+pub fn content(file: &Path, bytes: Vec<u8>) -> SceneSource {
     let path = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     SceneSource::Bytes { file_name: path.to_string_lossy().into_owned(), bytes }
 }

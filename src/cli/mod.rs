@@ -9,6 +9,7 @@ mod daemon;
 mod degrade;
 mod demo;
 mod edit;
+mod edit_orders;
 mod evaluate;
 mod failure;
 mod generate;
@@ -29,6 +30,7 @@ mod serve;
 mod settings_file;
 mod shortfall;
 mod status;
+mod update;
 mod values;
 mod watch;
 
@@ -68,6 +70,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Plan(arguments) => plan::run(arguments, form).map(Some),
         Command::Evaluate(arguments) => evaluate::run(arguments, form).map(Some),
         Command::Edit(arguments) => edit::run(arguments, form).map(Some),
+        Command::Update(arguments) => update::run(arguments, form).map(Some),
         Command::Watch(arguments) => watch::run(arguments, form).map(|()| None),
         Command::Cancel(arguments) => scene::cancel(arguments).map(Some),
         Command::Unload(arguments) => scene::unload(arguments).map(Some),

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use overfly_client::{Client, SceneState, SceneStatus, Status, StructureInfo};
+use overfly_client::{Client, SceneState, SceneStatus, Status, StructureInfo, StructureKind, ZoneInfo};
 use serde_json::{Value, json};
 
 use super::answer::{self, Answer, Form};
@@ -16,7 +16,7 @@ const ASK_AGAIN: Duration = Duration::from_secs(5);
 pub fn run(arguments: &StatusArgs, form: Form) -> Result<Option<Answer>, Failure> {
     let client = daemon::connect(arguments.reach.domain.as_deref())?;
     match &arguments.scene {
-        Some(scene) => Ok(Some(structures(scene, &client.structures(scene)?))),
+        Some(scene) => Ok(Some(content(scene, &client.structures(scene)?, &client.zones(scene)?))),
         None if arguments.follow => follow(&client, form).map(|()| None),
         None => Ok(Some(overview(&client.status()?))),
     }
@@ -143,25 +143,45 @@ fn scene_json(scene: &SceneStatus) -> Value {
     })
 }
 
-fn structures(scene: &str, structures: &[StructureInfo]) -> Answer {
-    let mut rows = vec![["name", "id", "base m", "top m", "samples"].map(str::to_owned).to_vec()];
+fn content(scene: &str, structures: &[StructureInfo], zones: &[ZoneInfo]) -> Answer {
+    let mut rows = vec![["name", "id", "kind", "base m", "top m", "samples"].map(str::to_owned).to_vec()];
     rows.extend(structures.iter().map(|structure| {
         vec![
             structure.name.clone(),
             format!("{:016x}", structure.id),
+            kind_name(structure.kind).to_owned(),
             format!("{:.1}", structure.base_m),
             format!("{:.1}", structure.top_m),
             structure.samples.to_string(),
         ]
     }));
-    let entries = structures.iter().map(|structure| {
+    let mut text = answer::table(&rows);
+    for zone in zones {
+        let ceiling = zone.ceiling_m.map_or("up".into(), |ceiling_m| format!("to {ceiling_m} m"));
+        let source = if zone.by_edit { ", added by an edit" } else { "" };
+        text.push_str(&format!("\nno-fly zone {}: from {} m {ceiling}{source}", zone.name, zone.floor_m));
+    }
+    let structures = structures.iter().map(|structure| {
         json!({
             "name": structure.name,
             "id": format!("{:016x}", structure.id),
+            "kind": kind_name(structure.kind),
             "base_m": structure.base_m,
             "top_m": structure.top_m,
             "samples": structure.samples,
         })
     });
-    Answer { text: answer::table(&rows), json: json!({ "scene": scene, "structures": entries.collect::<Vec<_>>() }) }
+    let zones = zones
+        .iter()
+        .map(|zone| json!({ "name": zone.name, "floor_m": zone.floor_m, "ceiling_m": zone.ceiling_m, "by_edit": zone.by_edit }));
+    let (structures, zones): (Vec<Value>, Vec<Value>) = (structures.collect(), zones.collect());
+    Answer { text, json: json!({ "scene": scene, "structures": structures, "zones": zones }) }
+}
+
+fn kind_name(kind: StructureKind) -> &'static str {
+    match kind {
+        StructureKind::Prism => "prism",
+        StructureKind::Mesh => "mesh",
+        StructureKind::Obstacle => "obstacle",
+    }
 }

@@ -1,13 +1,16 @@
 //! The border between wire types and domain types.
 
-use geo::{Coord, LineString, Polygon};
+use geo::{Coord, LineString, MultiPolygon, Polygon};
 use nalgebra::Point3;
-use overfly_wire::{EditOrder, PlanOrder, Refusal, RefusalCode};
+use overfly_wire::{
+    EditOrder, PlanOrder, Refusal, RefusalCode, SceneChanges, ShapeOrder, StructureInfo, StructureKind, ZoneInfo,
+};
 
 use crate::camera::{Rig, direction_of};
 use crate::planner::{Method, Objective, PlanOptions};
 use crate::scene::edit::{Edit, EditError};
-use crate::scene::{Scene, StructureId};
+use crate::scene::update::Changes;
+use crate::scene::{NoFlyZone, Scene, Shape, Structure, StructureId, ZoneSource};
 
 /// Refuses an order for a rig, method or view that does not exist, before it costs anybody a search.
 pub fn check_plan(order: &PlanOrder) -> Result<(), Refusal> {
@@ -48,17 +51,81 @@ pub fn edit(scene: &Scene, order: &EditOrder) -> Result<Edit, Refusal> {
         EditOrder::Lower { structure, by_m } => Edit::Lower { id: find(scene, structure)?, by_m: *by_m },
         EditOrder::Remove { structure } => Edit::Remove { id: find(scene, structure)? },
         EditOrder::Move { structure, by_m } => Edit::Move { id: find(scene, structure)?, by_m: *by_m },
-        EditOrder::Add { name, outline_m, base_m, top_m } => {
-            let ring: LineString<f64> = outline_m.iter().map(|[x, y]| Coord { x: *x, y: *y }).collect();
-            Edit::Add { name: name.clone(), footprint: Polygon::new(ring, Vec::new()), base_m: *base_m, top_m: *top_m }
-        }
+        EditOrder::Add { name, shape: order } => Edit::Add { name: name.clone(), shape: shape(order) },
+        EditOrder::Replace { structure, shape: order } => Edit::Replace { id: find(scene, structure)?, shape: shape(order) },
+        EditOrder::AddZone { name, outline_m, floor_m, ceiling_m } => Edit::AddZone {
+            zone: NoFlyZone {
+                name: name.clone(),
+                outline: outline(outline_m),
+                floor_m: *floor_m,
+                ceiling_m: ceiling_m.unwrap_or(f64::MAX),
+                source: ZoneSource::Edit,
+            },
+        },
+        EditOrder::RemoveZone { name } => Edit::RemoveZone { name: name.clone() },
     })
+}
+
+/// The shape that a client means. The numbers of a mesh's vertices were checked when the order came in.
+fn shape(order: &ShapeOrder) -> Shape {
+    match order {
+        ShapeOrder::Prism { outline_m, base_m, top_m } => {
+            Shape::Prism { footprint: outline(outline_m), base_m: *base_m, top_m: *top_m }
+        }
+        ShapeOrder::Mesh { vertices_m, triangles } => {
+            let vertex = |index: u32| vertices_m.get(index as usize).map_or(Point3::origin(), |at| Point3::from(*at));
+            Shape::Mesh { triangles: triangles.iter().map(|corners| corners.map(vertex)).collect() }
+        }
+        ShapeOrder::Obstacle { centre_m, size_m, yaw_deg } => {
+            Shape::obstacle_box(Point3::from(*centre_m), *size_m, yaw_deg.to_radians())
+        }
+    }
+}
+
+fn outline(corners_m: &[[f64; 2]]) -> MultiPolygon<f64> {
+    let ring: LineString<f64> = corners_m.iter().map(|[x, y]| Coord { x: *x, y: *y }).collect();
+    MultiPolygon(vec![Polygon::new(ring, Vec::new())])
+}
+
+/// What a new version of a file has changed, as clients read it.
+pub fn changes(changes: Changes) -> SceneChanges {
+    let Changes { structures, zones } = changes;
+    SceneChanges {
+        added: structures.added,
+        removed: structures.removed,
+        changed: structures.changed,
+        zones_added: zones.added,
+        zones_removed: zones.removed,
+        zones_changed: zones.changed,
+    }
+}
+
+/// A structure as clients know it; `samples` are its own.
+pub fn structure_info(structure: &Structure, samples: u64) -> StructureInfo {
+    let bounds = structure.bounds();
+    let kind = match structure.shape {
+        Shape::Prism { .. } => StructureKind::Prism,
+        Shape::Mesh { .. } => StructureKind::Mesh,
+        Shape::Obstacle { .. } => StructureKind::Obstacle,
+    };
+    let name = structure.name.clone();
+    StructureInfo { id: structure.id.0, name, base_m: bounds.min.z, top_m: bounds.max.z, samples, kind }
+}
+
+/// A zone as clients know it.
+pub fn zone_info(zone: &NoFlyZone) -> ZoneInfo {
+    ZoneInfo {
+        name: zone.name.clone(),
+        floor_m: zone.floor_m,
+        ceiling_m: (zone.ceiling_m < f64::MAX).then_some(zone.ceiling_m),
+        by_edit: zone.source == ZoneSource::Edit,
+    }
 }
 
 /// Why the scene refused an edit.
 pub fn edit_refusal(error: &EditError) -> Refusal {
     let code = match error {
-        EditError::UnknownStructure { .. } => RefusalCode::UnknownStructure,
+        EditError::UnknownStructure { .. } | EditError::UnknownZone { .. } => RefusalCode::UnknownStructure,
         _ => RefusalCode::Edit,
     };
     Refusal::new(code, error.to_string())
@@ -81,7 +148,6 @@ mod tests {
 
     use super::*;
     use crate::frame::LocalFrame;
-    use crate::scene::{Shape, Structure};
 
     fn scene(names: &[&str]) -> Scene {
         let structure = |name: &&str| {

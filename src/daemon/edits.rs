@@ -7,12 +7,17 @@
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use overfly_wire::{EditOrder, Refusal, RefusalCode};
+use overfly_wire::{EditOrder, Refusal, RefusalCode, Reply, SceneChanges, Updated};
 
 use super::convert;
 use super::jobs::Assignment;
 use super::ledger::Ticket;
+use crate::scene::Scene;
 use crate::session::Session;
+
+/// Most edits of a scene that may wait, and the most that they may take together, bytes: whoever sends still more is told to wait.
+const MOST_WAITING: usize = 10_000;
+const MOST_WAITING_BYTES: usize = 64 << 20;
 
 /// The edits of one scene that are not made yet.
 #[derive(Default)]
@@ -20,6 +25,8 @@ pub struct Edits {
     pub building: Option<Batch>,
     /// In the order in which they came.
     waiting: VecDeque<PendingEdit>,
+    /// The scene after all of them.
+    latest: Option<Session>,
     /// So many of the first ones that wait are built one by one.
     alone: usize,
 }
@@ -28,15 +35,34 @@ pub struct Edits {
 pub struct Batch {
     pub assignment: Assignment,
     pub edits: Vec<PendingEdit>,
+    /// The scene after the last of them.
+    pub session: Session,
 }
 
 /// An edit on its way.
 pub struct PendingEdit {
     pub ticket: Ticket,
-    pub order: EditOrder,
-    /// The scene after this edit and all before it.
-    pub session: Session,
+    pub change: Change,
+    /// The revision that it makes.
+    pub revision: u64,
+    /// What a new version of the file has changed.
+    pub changes: Option<SceneChanges>,
     pub taken_up: Instant,
+    /// About how much memory it takes, bytes.
+    pub bytes: usize,
+}
+
+/// What one request changes, as one revision.
+pub enum Change {
+    Edits(Vec<EditOrder>),
+    /// The scene becomes what a new version of its file says.
+    Update(NewVersion),
+}
+
+/// A new version of a scene's file, read in the frame of the scene.
+pub struct NewVersion {
+    pub scene: Scene,
+    pub report_lines: Vec<String>,
 }
 
 impl Edits {
@@ -46,19 +72,35 @@ impl Edits {
 
     /// The scene as it is going to be, when an edit is on its way.
     pub fn latest(&self) -> Option<&Session> {
-        let built = || self.building.as_ref().and_then(|batch| batch.edits.last());
-        self.waiting.back().or_else(built).map(|edit| &edit.session)
+        self.latest.as_ref().or_else(|| self.building.as_ref().map(|batch| &batch.session))
     }
 
-    pub fn push(&mut self, edit: PendingEdit) {
+    /// Whether so many more bytes of edits may wait; one may whatever its size.
+    pub fn has_room(&self, bytes: usize) -> bool {
+        let taken: usize = self.waiting.iter().map(|edit| edit.bytes).sum();
+        self.waiting.is_empty() || (self.waiting.len() < MOST_WAITING && taken + bytes <= MOST_WAITING_BYTES)
+    }
+
+    /// Puts an edit behind the others; `session` is the scene after it.
+    pub fn push(&mut self, edit: PendingEdit, session: Session) {
         self.waiting.push_back(edit);
+        self.latest = Some(session);
     }
 
-    /// The edits of the next field.
-    pub fn next_batch(&mut self) -> Vec<PendingEdit> {
-        let count = if self.alone > 0 { 1 } else { self.waiting.len() };
-        self.alone = self.alone.saturating_sub(1);
-        self.waiting.drain(..count.min(self.waiting.len())).collect()
+    /// The edits of the next field and the scene after them, which is `current` before; `None` when none waits.
+    pub fn next_batch(&mut self, current: &Session) -> Option<(Vec<PendingEdit>, Session)> {
+        if self.alone == 0 {
+            let session = self.latest.take()?;
+            return Some((self.waiting.drain(..).collect(), session));
+        }
+        self.alone -= 1;
+        let first = self.waiting.pop_front()?;
+        let made = apply(current, &first.change).map_err(|refusal| refusal.message);
+        let session = made.expect("it was made on this very scene when the edits were put in order").0;
+        if self.waiting.is_empty() {
+            self.latest = None;
+        }
+        Some((vec![first], session))
     }
 
     /// Takes edits back whose common field cannot be built. A single one, and those that failed for want of memory, are refused; others
@@ -82,10 +124,10 @@ impl Edits {
         let mut latest = current.clone();
         let (waiting, mut alone) = (std::mem::take(&mut self.waiting), self.alone);
         for (index, mut edit) in waiting.into_iter().enumerate() {
-            match apply(&latest, &edit.order) {
-                Ok(session) => {
-                    latest = session.clone();
-                    edit.session = session;
+            match apply(&latest, &edit.change) {
+                Ok((session, changes)) => {
+                    (edit.revision, edit.changes) = (session.revision(), changes);
+                    latest = session;
                     self.waiting.push_back(edit);
                 }
                 Err(refusal) => {
@@ -95,28 +137,72 @@ impl Edits {
             }
         }
         self.alone = alone;
+        self.latest = (!self.waiting.is_empty()).then_some(latest);
     }
 
     /// Gives all edits up, and returns who asked for them.
     pub fn give_up(&mut self) -> Vec<Ticket> {
         let batch = self.building.take();
         batch.iter().for_each(|batch| batch.assignment.stop.abandon());
-        self.alone = 0;
+        (self.alone, self.latest) = (0, None);
         let built = batch.into_iter().flat_map(|batch| batch.edits);
         built.chain(self.waiting.drain(..)).map(|edit| edit.ticket).collect()
     }
 
     /// Gives up those that nothing has been done for yet.
     pub fn give_up_waiting(&mut self) -> Vec<Ticket> {
-        self.alone = 0;
+        (self.alone, self.latest) = (0, None);
         self.waiting.drain(..).map(|edit| edit.ticket).collect()
     }
 }
 
-/// The scene of `session` after an edit, with the next revision number.
-pub fn apply(session: &Session, order: &EditOrder) -> Result<Session, Refusal> {
-    let mut edited = session.clone();
-    let change = convert::edit(edited.scene(), order)?;
-    edited.apply(&change).map_err(|error| convert::edit_refusal(&error))?;
-    Ok(edited)
+impl Change {
+    /// For the log: the names of large shapes are there, their corners are not.
+    pub fn in_words(&self) -> String {
+        match self {
+            Self::Edits(orders) => {
+                let of_order = |order: &EditOrder| format!("{order:?}").chars().take(120).collect::<String>();
+                orders.iter().take(3).map(of_order).collect::<Vec<_>>().join(", ")
+            }
+            Self::Update(version) => format!("a new version of the file with {} structures", version.scene.structures.len()),
+        }
+    }
+}
+
+impl PendingEdit {
+    /// The answer to an edit that is made now.
+    pub fn reply(&self, replan_follows: bool) -> Reply {
+        let revision = self.revision;
+        match (&self.change, &self.changes) {
+            (Change::Update(version), Some(changes)) => {
+                let (changes, report_lines) = (changes.clone(), version.report_lines.clone());
+                Reply::Updated(Updated { revision, replan_follows, changes, report_lines })
+            }
+            _ => Reply::Edited { revision, replan_follows },
+        }
+    }
+}
+
+/// The scene of `session` after a change, with the next revision number, and what a new version of the file has changed. Of several edits all are
+/// made or none.
+pub fn apply(session: &Session, change: &Change) -> Result<(Session, Option<SceneChanges>), Refusal> {
+    let next = |scene: Scene| session.with_scene(scene, session.revision() + 1);
+    match change {
+        Change::Edits(orders) => {
+            let mut scene = Scene::clone(session.scene());
+            for (index, order) in orders.iter().enumerate() {
+                let made = convert::edit(&scene, order).and_then(|edit| {
+                    let edited = scene.edited(&edit, &session.settings().proxy);
+                    edited.map_err(|error| convert::edit_refusal(&error))
+                });
+                scene = made.map_err(|refusal| refusal.of_edit(index, orders.len()))?.0;
+            }
+            Ok((next(scene), None))
+        }
+        Change::Update(version) => {
+            let updated = session.scene().updated(&version.scene);
+            let (scene, changes) = updated.map_err(|error| Refusal::new(RefusalCode::Edit, error.to_string()))?;
+            Ok((next(scene), Some(convert::changes(changes))))
+        }
+    }
 }

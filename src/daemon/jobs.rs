@@ -18,6 +18,7 @@ use super::scenes::Cause;
 use super::wake::Mail;
 use crate::planner::{self, Made, PlanError, PlanOptions, Progress, StopToken};
 use crate::scene::Scene;
+use crate::scene::anchor::Anchor;
 use crate::session::{FieldError, Session, Snapshot, Survey};
 use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, RunTimes};
@@ -127,14 +128,16 @@ pub struct Flight {
 }
 
 impl Workshop {
-    /// Reads a scene file.
-    pub fn read(&self, assignment: Assignment, source: FileSource, settings: Arc<Settings>) {
+    /// Reads a scene file; with an anchor in the frame of a scene that was read before.
+    pub fn read(&self, assignment: Assignment, source: FileSource, settings: Arc<Settings>, anchor: Option<Anchor>) {
         self.spawn(assignment, move |workshop, assignment| {
             workshop.note(assignment, Stage::Read);
             let max_bytes = settings.daemon.max_scene_mb.saturating_mul(1_000_000);
             let read = match source {
-                FileSource::Path(path) => scene_file::read_path(&path, max_bytes, &settings.proxy),
-                FileSource::Bytes { file_name, bytes } => scene_file::read_bytes(&file_name, &bytes, &settings.proxy),
+                FileSource::Path(path) => scene_file::read_path(&path, max_bytes, &settings.proxy, anchor.as_ref()),
+                FileSource::Bytes { file_name, bytes } => {
+                    scene_file::read_bytes(&file_name, &bytes, &settings.proxy, anchor.as_ref())
+                }
             };
             Ok(NewsKind::Read(Box::new(read.map_err(Failure::Refused)?)))
         });

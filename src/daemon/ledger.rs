@@ -109,6 +109,10 @@ impl Ledger {
 fn length(reply: &Reply) -> usize {
     match reply {
         Reply::Loaded(loaded) => loaded.report_json.len() + loaded.report_lines.iter().map(String::len).sum::<usize>(),
+        Reply::Updated(updated) => {
+            let names = updated.changes.kinds().into_iter().flat_map(|(_, names)| names);
+            names.chain(&updated.report_lines).map(String::len).sum()
+        }
         Reply::Refused(refusal) => refusal.message.len(),
         _ => 0,
     }

@@ -11,12 +11,12 @@ use overfly_wire::frame::{self, Limits};
 use overfly_wire::{EditOrder, Header, Kind, PlanOrder, Refusal, RefusalCode, Reply, Request, Status};
 
 use super::convert;
-use super::edits::{self, PendingEdit};
+use super::edits::{self, Change, PendingEdit};
 use super::jobs::{FileSource, JobId};
 use super::ledger::{Outcome, Seen, Ticket};
 use super::ports::Ports;
 use super::scenes::{Cause, Current, Queued, Slot};
-use super::state::{Daemon, Reading, stopping, tell};
+use super::state::{Daemon, Purpose, Reading, UpdateOf, stopping, tell};
 
 /// Jobs that may run or wait for a thread at the same time.
 const MAX_RUNNING: usize = 64;
@@ -46,7 +46,7 @@ impl Daemon {
         tracing::debug!(client = ticket.client, correlation = ticket.correlation, ?request, "request");
         match self.glance(ports, ticket, &request)? {
             Some(reply) => tell(ports, ticket, &reply),
-            None => self.work_on(ports, ticket, request, frame.bulk)?,
+            None => self.work_on(ports, ticket, request, frame.body.len(), frame.bulk)?,
         }
         Ok(())
     }
@@ -58,6 +58,7 @@ impl Daemon {
             Request::Ping => Reply::Acknowledged,
             Request::Status => Reply::Status(self.status()),
             Request::Structures { scene } => Reply::Structures(self.current(scene)?.structures()),
+            Request::Zones { scene } => Reply::Zones(self.current(scene)?.zones()),
             Request::Locate { scene } => {
                 let current = self.current(scene)?;
                 let revision = current.session.revision();
@@ -85,8 +86,8 @@ impl Daemon {
         }))
     }
 
-    /// Runs a request that changes something, once, however often it comes.
-    fn work_on(&mut self, ports: &Ports, ticket: Ticket, request: Request, bulk: Vec<u8>) -> Result<(), Refusal> {
+    /// Runs a request that changes something, once, however often it comes. Its body was `bytes` long.
+    fn work_on(&mut self, ports: &Ports, ticket: Ticket, request: Request, bytes: usize, bulk: Vec<u8>) -> Result<(), Refusal> {
         match self.ledger.see(ticket) {
             Seen::New => {}
             Seen::Pending => {
@@ -109,12 +110,14 @@ impl Daemon {
         tell(ports, ticket, &Reply::Acknowledged);
         self.changed = true;
         match request {
-            Request::LoadPath { path, name } => {
-                self.load(ticket, FileSource::Path(PathBuf::from(OsString::from_vec(path))), name)
-            }
+            Request::LoadPath { path, name } => self.load(ticket, at(path), name),
             Request::LoadBytes { file_name, name } => self.load(ticket, FileSource::Bytes { file_name, bytes: bulk }, name),
             Request::Plan { scene, order } => self.plan(ports, ticket, &scene, *order),
-            Request::Edit { scene, edit } => self.edit(ports, ticket, &scene, edit),
+            Request::Edit { scene, edits } => self.edit(ports, ticket, &scene, edits, bytes),
+            Request::UpdatePath { scene, path, dry_run } => self.update(ticket, scene, at(path), dry_run),
+            Request::UpdateBytes { scene, file_name, dry_run } => {
+                self.update(ticket, scene, FileSource::Bytes { file_name, bytes: bulk }, dry_run)
+            }
             Request::Cancel { scene } => self.cancel(ports, ticket, &scene),
             Request::Unload { scene } => self.unload(ports, ticket, &scene),
             Request::Reload => {
@@ -128,6 +131,7 @@ impl Daemon {
             | Request::Republish { .. }
             | Request::Outcome { .. }
             | Request::Structures { .. }
+            | Request::Zones { .. }
             | Request::Status
             | Request::Stop => Ok(()),
         }
@@ -137,8 +141,22 @@ impl Daemon {
         self.check_room()?;
         let assignment = self.assign(Instant::now());
         let settings = self.settings.clone();
-        self.workshop.read(assignment.clone(), source, settings.clone());
-        self.reading.insert(assignment.job, Reading { ticket, name, settings, assignment });
+        self.workshop.read(assignment.clone(), source, settings.clone(), None);
+        self.reading.insert(assignment.job, Reading { ticket, purpose: Purpose::Load(name), settings, assignment });
+        Ok(())
+    }
+
+    /// Reads a new version of a scene's file in the frame of the scene.
+    fn update(&mut self, ticket: Ticket, scene: String, source: FileSource, dry_run: bool) -> Result<(), Refusal> {
+        self.check_room()?;
+        let current = self.editable(&scene)?;
+        let (settings, anchor, load) = (current.session.settings().clone(), current.anchor, current.request);
+        let without = || format!("the scene {scene:?} has no frame that a file could be put into; load the file anew");
+        let anchor = anchor.ok_or_else(|| Refusal::new(RefusalCode::Import, without()))?;
+        let assignment = self.assign(Instant::now());
+        self.workshop.read(assignment.clone(), source, settings.clone(), Some(anchor));
+        let purpose = Purpose::Update(UpdateOf { scene, load, dry_run });
+        self.reading.insert(assignment.job, Reading { ticket, purpose, settings, assignment });
         Ok(())
     }
 
@@ -159,18 +177,41 @@ impl Daemon {
         Ok(())
     }
 
-    /// Accepts an edit that makes sense. It is answered when its field stands; until then nothing else is changed.
-    fn edit(&mut self, ports: &Ports, ticket: Ticket, scene: &str, order: EditOrder) -> Result<(), Refusal> {
+    fn edit(&mut self, ports: &Ports, ticket: Ticket, scene: &str, edits: Vec<EditOrder>, bytes: usize) -> Result<(), Refusal> {
         self.check_room()?;
-        let slot = self.slot(scene)?;
-        let Some(current) = slot.current.as_ref().filter(|_| slot.loads.is_empty()) else { return Err(still_loading(scene)) };
-        let session = edits::apply(slot.edits.latest().unwrap_or(&current.session), &order)?;
-        tracing::debug!(scene, revision = session.revision(), ?order, "edit accepted");
+        self.accept(ports, ticket, scene, Change::Edits(edits), bytes, Instant::now())
+    }
+
+    /// Accepts a change that makes sense, of so many bytes. It is answered when its field stands; until then nothing else is changed.
+    pub(super) fn accept(
+        &mut self,
+        ports: &Ports,
+        ticket: Ticket,
+        scene: &str,
+        change: Change,
+        bytes: usize,
+        taken_up: Instant,
+    ) -> Result<(), Refusal> {
+        let current = self.editable(scene)?;
+        let edits = &self.slot(scene)?.edits;
+        if !edits.has_room(bytes) {
+            let message = format!("too many edits wait for the field of the scene {scene:?}; send fewer at a time");
+            return Err(Refusal::new(RefusalCode::Busy, message));
+        }
+        let (session, changes) = edits::apply(edits.latest().unwrap_or(&current.session), &change)?;
+        let revision = session.revision();
+        tracing::debug!(scene, revision, "edit accepted");
         if let Some(slot) = self.scenes.get_mut(scene) {
-            slot.edits.push(PendingEdit { ticket, order, session, taken_up: Instant::now() });
+            slot.edits.push(PendingEdit { ticket, change, revision, changes, taken_up, bytes }, session);
         }
         self.advance(ports, scene);
         Ok(())
+    }
+
+    /// The scene, when it can be edited.
+    pub(super) fn editable(&self, scene: &str) -> Result<&Current, Refusal> {
+        let slot = self.slot(scene)?;
+        slot.current.as_ref().filter(|_| slot.loads.is_empty()).ok_or_else(|| still_loading(scene))
     }
 
     fn cancel(&mut self, ports: &Ports, ticket: Ticket, scene: &str) -> Result<(), Refusal> {
@@ -198,7 +239,7 @@ impl Daemon {
         Ok(())
     }
 
-    fn slot(&self, scene: &str) -> Result<&Slot, Refusal> {
+    pub(super) fn slot(&self, scene: &str) -> Result<&Slot, Refusal> {
         self.scenes.get(scene).ok_or_else(|| {
             let known: Vec<&str> = self.scenes.keys().take(20).map(String::as_str).collect();
             let known = if known.is_empty() { "none is loaded".into() } else { format!("loaded are: {}", known.join(", ")) };
@@ -242,6 +283,11 @@ fn resident_mb() -> f64 {
     let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
     let pages: f64 = statm.split_whitespace().nth(1).and_then(|pages| pages.parse().ok()).unwrap_or(0.0);
     pages * rustix::param::page_size() as f64 / 1e6
+}
+
+/// The file of a path as it came in a message.
+fn at(path: Vec<u8>) -> FileSource {
+    FileSource::Path(PathBuf::from(OsString::from_vec(path)))
 }
 
 fn still_loading(scene: &str) -> Refusal {

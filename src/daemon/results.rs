@@ -2,17 +2,19 @@
 
 use std::sync::Arc;
 
-use overfly_wire::{Header, Kind, Loaded, Refusal, RefusalCode, Reply, message};
+use overfly_wire::{Header, Kind, Loaded, Refusal, RefusalCode, Reply, Updated, message};
 
-use super::edits::PendingEdit;
+use super::edits::{self, Change, NewVersion, PendingEdit};
 use super::field_channel::FieldChannel;
-use super::jobs::{BuiltField, Failure, FieldSource, JobId, News, NewsKind, PlannedFlight};
+use super::jobs::{Assignment, BuiltField, Failure, FieldSource, JobId, News, NewsKind, PlannedFlight};
 use super::ledger::Ticket;
 use super::ports::{Ports, SendError};
 use super::scene_file::SceneFile;
 use super::scenes::{Cause, Current, FieldFigures, LastPlan, Load, Orders, Queued, Search, Slot, Task};
-use super::state::{Daemon, Reading, stopping, tell};
+use super::state::{Daemon, Purpose, Reading, UpdateOf, stopping, tell};
 use crate::mission::plan_table;
+use crate::scene::anchor::Anchor;
+use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, RunTimes};
 
 impl Daemon {
@@ -51,8 +53,13 @@ impl Daemon {
             }
             NewsKind::Read(file) => {
                 let Some(reading) = self.reading.remove(&news.job) else { return };
-                let ticket = reading.ticket;
-                if let Err(refusal) = self.place(ports, reading, *file) {
+                let Reading { ticket, purpose, settings, assignment } = reading;
+                let done = match purpose {
+                    _ if self.is_ending() => Err(stopping()),
+                    Purpose::Load(name) => self.place(ports, ticket, name, settings, &assignment, *file),
+                    Purpose::Update(update) => self.compare(ports, ticket, &update, &assignment, *file),
+                };
+                if let Err(refusal) = done {
                     self.refuse(ports, ticket, refusal);
                 }
             }
@@ -71,18 +78,23 @@ impl Daemon {
     }
 
     /// Gives a scene that was read its slot and starts to build its field. What stands in the slot stays until that is ready.
-    fn place(&mut self, ports: &Ports, reading: Reading, file: SceneFile) -> Result<(), Refusal> {
-        if self.is_ending() {
-            return Err(stopping());
-        }
-        let SceneFile { mut scene, report_json, report_lines, read_s } = file;
-        let name = reading.name.unwrap_or_else(|| message::plain_scene_name(&scene.name));
+    fn place(
+        &mut self,
+        ports: &Ports,
+        ticket: Ticket,
+        name: Option<String>,
+        settings: Arc<Settings>,
+        reading: &Assignment,
+        file: SceneFile,
+    ) -> Result<(), Refusal> {
+        let SceneFile { mut scene, anchor, report_json, report_lines, read_s, .. } = file;
+        let name = name.unwrap_or_else(|| message::plain_scene_name(&scene.name));
         message::check_scene_name(&name)?;
         scene.name = name.clone();
-        let request = reading.assignment.job;
+        let request = reading.job;
         match self.scenes.get(&name) {
             Some(slot) if slot.current.as_ref().is_some_and(|current| current.request > request) => {
-                self.refuse_superseded(ports, &name, [reading.ticket], "a newer load");
+                self.refuse_superseded(ports, &name, [ticket], "a newer load");
                 return Ok(());
             }
             Some(_) => {}
@@ -93,13 +105,41 @@ impl Daemon {
             }
         }
         tracing::info!(scene = name, structures = scene.structures.len(), read_s, "read");
-        let (ticket, taken_up) = (reading.ticket, reading.assignment.taken_up);
-        let source = FieldSource::Scene(Box::new(scene), reading.settings);
+        let taken_up = reading.taken_up;
+        let source = FieldSource::Scene(Box::new(scene), settings);
         let assignment = self.start_build(&name, source, taken_up);
         if let Some(slot) = self.scenes.get_mut(&name) {
-            slot.loads.push(Load { assignment, request, ticket, report_json, report_lines, read_s, taken_up });
+            slot.loads.push(Load { assignment, request, ticket, anchor, report_json, report_lines, read_s, taken_up });
         }
         Ok(())
+    }
+
+    /// Compares a scene with a new version of its file, and changes what differs unless that is only to be told.
+    fn compare(
+        &mut self,
+        ports: &Ports,
+        ticket: Ticket,
+        update: &UpdateOf,
+        reading: &Assignment,
+        file: SceneFile,
+    ) -> Result<(), Refusal> {
+        let UpdateOf { scene, load, dry_run } = update;
+        let current = self.editable(scene)?;
+        if current.request != *load {
+            self.refuse_superseded(ports, scene, [ticket], "a newer load");
+            return Ok(());
+        }
+        let edits = &self.slot(scene)?.edits;
+        let latest = edits.latest().unwrap_or(&current.session);
+        let SceneFile { scene: version, report_lines, bytes, .. } = file;
+        let change = Change::Update(NewVersion { scene: version, report_lines: report_lines.clone() });
+        let changes = edits::apply(latest, &change)?.1.unwrap_or_default();
+        if *dry_run || (changes.is_empty() && !edits.are_under_way()) {
+            let updated = Updated { revision: latest.revision(), replan_follows: false, changes, report_lines };
+            self.answer(ports, ticket, &Reply::Updated(updated), false);
+            return Ok(());
+        }
+        self.accept(ports, ticket, scene, change, bytes, reading.taken_up)
     }
 
     /// Passes progress to whoever waits.
@@ -112,12 +152,12 @@ impl Daemon {
     /// Publishes a field: from now on the load or the edits that it was built for are made.
     fn on_built(&mut self, ports: &Ports, scene: &str, built: BuiltField, task: Task) {
         let field_s = built.field_s;
-        let request = match (&task, self.scenes.get(scene).and_then(|slot| slot.current.as_ref())) {
-            (Task::Load(load), _) => load.request,
-            (_, Some(current)) => current.request,
+        let (request, anchor) = match (&task, self.scenes.get(scene).and_then(|slot| slot.current.as_ref())) {
+            (Task::Load(load), _) => (load.request, load.anchor),
+            (_, Some(current)) => (current.request, current.anchor),
             (_, None) => return,
         };
-        let current = match self.publish_field(scene, built, request) {
+        let current = match self.publish_field(scene, built, request, anchor) {
             Ok(current) => current,
             Err(failure) => return self.on_failed(ports, scene, failure, task),
         };
@@ -161,9 +201,8 @@ impl Daemon {
         let order = self.scenes.get(scene).and_then(|slot| slot.orders.last.clone());
         let replan_follows = order.is_some();
         for edit in &edits {
-            let revision = edit.session.revision();
-            tracing::info!(scene, revision, order = ?edit.order, replan_follows, "edited");
-            self.answer(ports, edit.ticket, &Reply::Edited { revision, replan_follows }, replan_follows);
+            tracing::info!(scene, revision = edit.revision, change = edit.change.in_words(), replan_follows, "edited");
+            self.answer(ports, edit.ticket, &edit.reply(replan_follows), replan_follows);
         }
         let (Some(order), Some((last, earlier))) = (order, edits.split_last()) else { return };
         self.supersede_replans(ports, scene, earlier.iter().map(|edit| edit.ticket), "a newer edit");
@@ -185,7 +224,13 @@ impl Daemon {
         self.supersede_search(ports, scene, by);
     }
 
-    fn publish_field(&mut self, scene: &str, built: BuiltField, request: JobId) -> Result<Current, Failure> {
+    fn publish_field(
+        &mut self,
+        scene: &str,
+        built: BuiltField,
+        request: JobId,
+        anchor: Option<Anchor>,
+    ) -> Result<Current, Failure> {
         let BuiltField { session, survey, filled, .. } = built;
         let epoch = self.next_epoch();
         let header = Header { instance: self.instance, epoch, ..Header::new(Kind::Field) };
@@ -195,7 +240,7 @@ impl Daemon {
         let field_bytes = std::mem::size_of_val(crate::session::FieldStorage::blocks(&*held)) as u64;
         let snapshot = survey.snapshot(held)?;
         let figures = FieldFigures::of(&snapshot.field());
-        Ok(Current { session, request, snapshot, epoch, field_bytes, figures })
+        Ok(Current { session, request, anchor, snapshot, epoch, field_bytes, figures })
     }
 
     fn on_planned(&mut self, ports: &Ports, scene: &str, flight: PlannedFlight, search: Search) {

@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use overfly_table::{Block, FieldTable};
-use overfly_wire::{Header, PlanOrder, PlanSummary, SceneState, SceneStatus, StructureInfo};
+use overfly_wire::{Header, PlanOrder, PlanSummary, SceneState, SceneStatus, StructureInfo, ZoneInfo};
 
+use super::convert;
 use super::edits::{Batch, Edits};
 use super::field_channel::FieldChannel;
 use super::jobs::{Assignment, JobId};
@@ -13,6 +14,7 @@ use super::ledger::Ticket;
 use super::ports::{Ports, SendError};
 use crate::camera::Pose;
 use crate::mission::plan_table;
+use crate::scene::anchor::Anchor;
 use crate::session::{Session, Snapshot};
 use crate::trajectory::plan::{Plan, RunTimes, Waypoint};
 use crate::trajectory::record::Record;
@@ -57,6 +59,8 @@ pub struct Current {
     pub session: Session,
     /// The load that the scene came with.
     pub request: JobId,
+    /// Where its frame lies in its file.
+    pub anchor: Option<Anchor>,
     pub snapshot: Snapshot,
     pub epoch: u64,
     pub field_bytes: u64,
@@ -86,6 +90,7 @@ pub struct Load {
     /// Number of the request: of two loads of one name the later request wins, whichever file was read first.
     pub request: JobId,
     pub ticket: Ticket,
+    pub anchor: Option<Anchor>,
     pub report_json: String,
     pub report_lines: Vec<String>,
     pub read_s: f64,
@@ -214,14 +219,12 @@ impl Slot {
 impl Current {
     pub fn structures(&self) -> Vec<StructureInfo> {
         let table = self.snapshot.field();
-        let info = |row: &overfly_table::field::StructureRow| StructureInfo {
-            id: row.id,
-            name: table.name(row).into_owned(),
-            base_m: row.base_m,
-            top_m: row.top_m,
-            samples: row.samples.into(),
-        };
-        table.structures.iter().map(info).collect()
+        let structures = self.session.scene().structures.iter().zip(table.structures);
+        structures.map(|(structure, row)| convert::structure_info(structure, row.samples.into())).collect()
+    }
+
+    pub fn zones(&self) -> Vec<ZoneInfo> {
+        self.session.scene().zones.iter().map(convert::zone_info).collect()
     }
 }
 

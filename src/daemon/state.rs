@@ -59,9 +59,25 @@ pub struct Daemon {
 /// A scene file on its way.
 pub struct Reading {
     pub ticket: Ticket,
-    pub name: Option<String>,
+    pub purpose: Purpose,
     pub settings: Arc<Settings>,
     pub assignment: Assignment,
+}
+
+/// What a scene file is read for.
+pub enum Purpose {
+    /// A scene of this name, or of the name that the file gives.
+    Load(Option<String>),
+    Update(UpdateOf),
+}
+
+/// The scene that a new version of its file is compared with.
+pub struct UpdateOf {
+    pub scene: String,
+    /// The load that it came with: after another one the file was read in the wrong frame.
+    pub load: JobId,
+    /// Only to be told what differs.
+    pub dry_run: bool,
 }
 
 impl Daemon {
@@ -255,14 +271,14 @@ impl Daemon {
         let is_ending = self.is_ending();
         let Some(slot) = self.scenes.get_mut(scene) else { return };
         if slot.edits.building.is_none() && !is_ending {
-            let earlier = slot.current.as_ref().map(|current| current.snapshot.clone());
-            let edits = slot.edits.next_batch();
-            if let Some(((first, last), earlier)) = edits.first().zip(edits.last()).zip(earlier) {
-                let (source, taken_up) =
-                    (FieldSource::Edited { session: Box::new(last.session.clone()), earlier }, first.taken_up);
+            let current = slot.current.as_ref();
+            let next = current.and_then(|current| Some((slot.edits.next_batch(&current.session)?, current.snapshot.clone())));
+            if let Some(((edits, session), earlier)) = next {
+                let taken_up = edits.first().map_or_else(Instant::now, |first| first.taken_up);
+                let source = FieldSource::Edited { session: Box::new(session.clone()), earlier };
                 let assignment = self.start_build(scene, source, taken_up);
                 if let Some(slot) = self.scenes.get_mut(scene) {
-                    slot.edits.building = Some(Batch { assignment, edits });
+                    slot.edits.building = Some(Batch { assignment, edits, session });
                 }
                 return;
             }

@@ -9,6 +9,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::scene::Bounds;
+use crate::scene::differences::Differences;
 use crate::scene::free_space::FreeSpace;
 use crate::stop::StopToken;
 use crate::surface::unit_hash;
@@ -78,22 +79,25 @@ pub fn sites(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Ve
     Some(filled?.concat())
 }
 
-/// The same of a scene that differs from an earlier one, whose sites are `before`, only in `changed` boxes; flights kept within the `limits` there.
-pub fn sites_after<'b>(
+/// The same of a scene with these differences to an earlier one, whose sites are `before`; flights kept within the `limits` there.
+pub fn sites_after(
     free: &FreeSpace,
     lattice: &Lattice,
     before: &[Site],
     limits: &Bounds,
-    changed: impl Iterator<Item = &'b Bounds>,
+    differences: &Differences,
     stop: &StopToken,
 ) -> Option<Vec<Site>> {
     let (low, high) = lattice.corners(free);
     // Clearances are cut off at the outer edge of the shell: what is farther away changes nothing.
-    let near: Vec<Bounds> = changed.map(|bounds| bounds.grown(SLACK_M)).collect();
+    let near: Vec<Bounds> = differences.boxes().map(|bounds| bounds.grown(SLACK_M)).collect();
+    let barred: Vec<Bounds> = differences.barred.iter().map(|bounds| bounds.grown(SLACK_M)).collect();
     // The highest or the outermost structure decides on the limits: when they move, cells come and go far from it too.
     let are_limits_new = free.limits != *limits;
-    let shells: Vec<Bounds> =
-        if are_limits_new { vec![free.limits] } else { near.iter().map(|bounds| bounds.grown(lattice.shell_m)).collect() };
+    let shells: Vec<Bounds> = match are_limits_new {
+        true => vec![free.limits],
+        false => near.iter().map(|bounds| bounds.grown(lattice.shell_m)).chain(barred.iter().copied()).collect(),
+    };
     let mut columns = BTreeSet::new();
     for shell in &shells {
         let (from, to) = (lattice.cell(&shell.min), lattice.cell(&shell.max));
@@ -115,7 +119,11 @@ pub fn sites_after<'b>(
             let old = old.next_if(|site| site.cell == cell);
             let position = position(lattice, cell);
             let is_near = |bounds: &Bounds| bounds.distance_squared(&position) <= lattice.shell_m * lattice.shell_m;
-            if free.limits.contains(&position) != limits.contains(&position) || near.iter().any(is_near) {
+            let is_barred = |bounds: &Bounds| bounds.contains(&position);
+            let is_renewed = free.limits.contains(&position) != limits.contains(&position)
+                || near.iter().any(is_near)
+                || barred.iter().any(is_barred);
+            if is_renewed {
                 return site(free, lattice, cell);
             }
             let is_under = |bounds: &Bounds| {

@@ -12,6 +12,7 @@ use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
+use super::anchor::Anchor;
 use super::close;
 use super::crs::{self, Placement, Unplaced};
 use super::faces;
@@ -204,7 +205,12 @@ impl Intake for ListReader<'_> {
     }
 }
 
-pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(Scene, ImportReport), ImportError> {
+pub(crate) fn read(
+    file: &str,
+    bytes: &[u8],
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<(Scene, ImportReport), ImportError> {
     let model: CityModel = serde_json::from_slice(bytes).map_err(|source| ImportError::Json { file: file.into(), source })?;
     let mut report = ImportReport::new(Format::CityJson);
     note_version(&model, &mut report);
@@ -218,7 +224,7 @@ pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result
         return Err(ImportError::Coordinates { file: file.into(), what: "no vertex is finite".into() });
     }
     meshes::drop_strays(&mut meshes, settings.max_extent_m, &mut report);
-    let frame = to_local(file, &model, &mut meshes, &mut report)?;
+    let frame = to_local(file, &model, &mut meshes, anchor, &mut report)?;
     for mesh in &mut meshes {
         let walls = close::close_walls(&mut mesh.triangles);
         if walls > 0 {
@@ -362,13 +368,24 @@ fn no_vertex(file: &str, object: &str, index: &str, vertices: &[Point3<f64>]) ->
     ImportError::VertexIndex { file: file.into(), object: tidy(object), index: index.into(), vertices: vertices.len() }
 }
 
-/// Moves the meshes to the local frame: the middle of their box becomes the origin, the ground z = 0.
-fn to_local(file: &str, model: &CityModel, meshes: &mut [RawMesh], report: &mut ImportReport) -> Result<LocalFrame, ImportError> {
+/// Moves the meshes to the local frame: the middle of their box, or the anchor, becomes the origin, the ground z = 0.
+fn to_local(
+    file: &str,
+    model: &CityModel,
+    meshes: &mut [RawMesh],
+    anchor: Option<&Anchor>,
+    report: &mut ImportReport,
+) -> Result<LocalFrame, ImportError> {
     let Some(bounds) = meshes::bounds(meshes) else { return Ok(LocalFrame::default()) };
-    let ground = meshes::ground(meshes);
-    let middle = nalgebra::center(&bounds.min, &bounds.max);
-    let origin = Point3::new(middle.x, middle.y, ground);
     report.epsg = crs::epsg_code(&model.metadata.reference_system.0);
+    let origin = match anchor {
+        Some(anchor) => Point3::from(anchor.grid(file, report.epsg)?),
+        None => {
+            let middle = nalgebra::center(&bounds.min, &bounds.max);
+            Point3::new(middle.x, middle.y, meshes::ground(meshes))
+        }
+    };
+    report.anchor = Some(Anchor::Grid { epsg: report.epsg, origin: origin.into() });
     let placement = match report.epsg.map(|epsg| (epsg, crs::place(epsg, origin))) {
         Some((_, Ok(placement))) => Some(placement),
         Some((epsg, Err(Unplaced::Geographic))) => return Err(ImportError::Geographic { file: file.into(), epsg }),
@@ -410,7 +427,7 @@ mod tests {
     use crate::settings::Settings;
 
     fn read_value(value: &Value) -> Result<(Scene, ImportReport), ImportError> {
-        read("town.city.json", value.to_string().as_bytes(), &Settings::default().proxy)
+        read("town.city.json", value.to_string().as_bytes(), &Settings::default().proxy, None)
     }
 
     /// Eight corners of a box, `first` its lowest index: the faces of its solid look outwards.

@@ -145,6 +145,8 @@ fn stretched(structure: &Structure, factor: f64) -> Structure {
             triangles.iter_mut().flatten().for_each(|corner| corner.z = height_m(corner.z));
             Shape::Mesh { triangles }
         }
+        // It was measured in flight.
+        Shape::Obstacle { .. } => structure.shape.clone(),
     };
     Structure { shape, ..structure.clone() }
 }

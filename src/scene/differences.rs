@@ -1,11 +1,12 @@
-//! How one scene differs from another, structure by structure: what an edit, a batch of edits or a new version of a file has changed.
+//! How one scene differs from another, structure by structure and zone by zone: what an edit, a batch of edits or a new version of a file has
+//! changed.
 
 use std::sync::Arc;
 
-use super::proxy::{Scene, Structure};
+use super::proxy::{NoFlyZone, Scene, Structure};
 use super::solid::Bounds;
 
-/// The structures that two scenes do not have in common.
+/// What two scenes do not have in common.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Differences {
     /// For each structure of the later scene the index that the very same structure has in the earlier one.
@@ -14,6 +15,8 @@ pub struct Differences {
     pub gone: Vec<Bounds>,
     /// Boxes of what stands there now and did not before, m.
     pub come: Vec<Bounds>,
+    /// Boxes of the no-fly zones that only one of the scenes has, m.
+    pub barred: Vec<Bounds>,
 }
 
 impl Differences {
@@ -34,10 +37,15 @@ impl Differences {
             differences.kept.push(kept);
         }
         differences.gone.extend(old.map(|(_, gone)| gone.bounds()));
+        let only = |these: &[NoFlyZone], others: &[NoFlyZone]| {
+            these.iter().filter(|zone| !others.contains(zone)).filter_map(NoFlyZone::bounds).collect::<Vec<_>>()
+        };
+        differences.barred = only(&before.zones, &after.zones);
+        differences.barred.extend(only(&after.zones, &before.zones));
         differences
     }
 
-    /// All boxes in which something changed.
+    /// All boxes in which structures came or went.
     pub fn boxes(&self) -> impl Iterator<Item = &Bounds> {
         self.gone.iter().chain(&self.come)
     }

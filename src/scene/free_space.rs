@@ -7,7 +7,7 @@ use nalgebra::Point3;
 
 use super::clearance::Clearance;
 use super::differences::Differences;
-use super::proxy::{NoFlyZone, Scene, Shape, Structure};
+use super::proxy::{NoFlyZone, Scene, Shape, Structure, ZoneSource};
 use super::solid::Bounds;
 use crate::frame::{Geodetic, LocalFrame};
 use crate::settings::{FlightSettings, NoFlySetting};
@@ -105,11 +105,6 @@ impl FreeSpace {
         self.zone_between(a, b)
     }
 
-    /// Whether both have the same zones and safety distance: then they differ by their structures, and the limits that follow from these, alone.
-    pub fn has_rules_of(&self, other: &Self) -> bool {
-        self.zones == other.zones && self.safety_distance_m == other.safety_distance_m
-    }
-
     /// The no-fly zone that the straight line from `a` to `b` enters, if any.
     pub fn zone_between(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
         self.zones.iter().find(|zone| zone.meets(a, b)).map(|zone| Obstruction::Zone(zone.name.clone()))
@@ -174,10 +169,16 @@ fn zone(setting: &NoFlySetting, frame: &LocalFrame) -> Result<NoFlyZone, ZoneErr
     if !outline.is_valid() || outline.unsigned_area() == 0.0 {
         return Err(ZoneError::Outline { name: setting.name.clone() });
     }
-    Ok(NoFlyZone { name: setting.name.clone(), outline, floor_m: setting.floor_m, ceiling_m: setting.ceiling_m })
+    let (floor_m, ceiling_m) = (setting.floor_m, setting.ceiling_m);
+    Ok(NoFlyZone { name: setting.name.clone(), outline, floor_m, ceiling_m, source: ZoneSource::Configuration })
 }
 
 impl NoFlyZone {
+    /// The box around the zone, m; `None` for one that lies far away.
+    pub fn bounds(&self) -> Option<Bounds> {
+        Bounds::above(&self.outline, self.floor_m, self.ceiling_m)
+    }
+
     /// Whether the segment from `a` to `b` enters the zone; its border belongs to it.
     fn meets(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
         let Some((enter, leave)) = share_between(a.z, b.z, self.floor_m, self.ceiling_m) else {
@@ -199,10 +200,10 @@ fn share_between(z0: f64, z1: f64, floor: f64, ceiling: f64) -> Option<(f64, f64
     (enter <= leave).then_some((enter, leave))
 }
 
-/// The box of admissible positions; empty (it contains nothing) for a scene without structures.
+/// The box of admissible positions; empty (it contains nothing) for a scene without structures that are to be captured.
 fn limits(scene: &Scene, settings: &FlightSettings) -> Bounds {
     let margin = settings.lateral_margin_m;
-    let Some(all) = scene.bounds() else {
+    let Some(all) = scene.captured_bounds() else {
         return Bounds { min: Point3::origin(), max: Point3::new(-1.0, -1.0, -1.0) };
     };
     let top = (all.max.z + settings.above_tallest_m).min(settings.legal_ceiling_m);

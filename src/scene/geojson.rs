@@ -12,13 +12,14 @@ use nalgebra::Point3;
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 use serde_json::{Map, Value};
 
+use super::anchor::Anchor;
 use super::footprint::{self, RawPolygon, Repair};
 use super::geometry::{Draft, Parts};
 use super::heights;
 use super::json::{Intake, Into, Scalar};
 use super::locate::{self, Location, Nowhere};
 use super::names::{self, Names};
-use super::proxy::{NoFlyZone, Scene, Shape, Structure, StructureId};
+use super::proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, ZoneSource};
 use super::read::{ImportError, assemble};
 use super::report::{Format, ImportReport, ItemKind, Place};
 use super::zone;
@@ -28,7 +29,12 @@ use crate::settings::ProxySettings;
 /// Files of more features are refused.
 const MOST_FEATURES: usize = 250_000;
 
-pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(Scene, ImportReport), ImportError> {
+pub(crate) fn read(
+    file: &str,
+    bytes: &[u8],
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<(Scene, ImportReport), ImportError> {
     let root = parse(bytes).map_err(|source| ImportError::Json { file: file.into(), source })?;
     let features = features(file, &root)?;
     // A zone says nothing about where the scene is.
@@ -36,7 +42,11 @@ pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result
         features.iter().map(|feature| if feature.zone { &[] } else { feature.polygons.as_slice() }).collect();
     let locations = locate::locate(&places, settings.max_extent_m).map_err(|nowhere| refuse(file, &root, nowhere))?;
     let mut report = ImportReport::new(Format::GeoJson);
-    let frame = frame(&root, features, &locations, settings, &mut report);
+    let frame = match anchor {
+        Some(anchor) => LocalFrame { origin: Some(anchor.degrees(file)?) },
+        None => frame(&root, features, &locations, settings, &mut report),
+    };
+    report.anchor = frame.origin.map(Anchor::Degrees);
     let mut builder = Builder::new(frame, settings, report);
     for (feature, location) in features.iter().zip(&locations) {
         if feature.zone {
@@ -464,7 +474,7 @@ impl<'a> Builder<'a> {
         for (kind, done) in repairs {
             self.report.add(&name, Place::Feature(feature.index), kind, done);
         }
-        self.zones.push(NoFlyZone { name, outline, floor_m, ceiling_m });
+        self.zones.push(NoFlyZone { name, outline, floor_m, ceiling_m, source: ZoneSource::File });
         Ok(())
     }
 
@@ -501,7 +511,7 @@ mod tests {
     use crate::settings::Settings;
 
     fn read_value(value: &Value) -> Result<(Scene, ImportReport), ImportError> {
-        read("town.geojson", value.to_string().as_bytes(), &Settings::default().proxy)
+        read("town.geojson", value.to_string().as_bytes(), &Settings::default().proxy, None)
     }
 
     fn square(lon: f64, lat: f64) -> Value {
@@ -586,7 +596,8 @@ mod tests {
         assert_eq!((report.zones, report.count(ItemKind::Outlier)), (2, 1));
         assert!(scene.zones[0].outline.contains(&geo::Point::new(0.0, 0.0)));
         assert!(scene.zones[1].outline.0.is_empty());
-        let again = read("town.geojson", super::super::to_geojson(&scene).as_bytes(), &Settings::default().proxy).unwrap().0;
+        let again =
+            read("town.geojson", super::super::to_geojson(&scene).as_bytes(), &Settings::default().proxy, None).unwrap().0;
         assert!(again.zones[0].outline.contains(&geo::Point::new(0.0, 0.0)));
     }
 
@@ -601,7 +612,7 @@ mod tests {
         let nested = collection.replace(r#""type":"Polygon"}"#, r#""type":"Polygon"}],"type":"GeometryCollection"}"#);
         let nested = nested.replace(r#""geometry":"#, r#""geometry":{"geometries":["#);
         for text in [collection, alone, nested] {
-            let (scene, report) = read("town.geojson", text.as_bytes(), &Settings::default().proxy).expect(&text);
+            let (scene, report) = read("town.geojson", text.as_bytes(), &Settings::default().proxy, None).expect(&text);
             assert_eq!((scene.structures.len(), report.tallest_m, report.items.len()), (1, 9.0, 0), "{text}");
         }
     }
@@ -609,7 +620,7 @@ mod tests {
     #[test]
     fn too_many_features_are_refused_and_counted() {
         let text = |count: usize| format!("{{\"type\":\"FeatureCollection\",\"features\":[{}0]}}", "0,".repeat(count - 1));
-        let read_text = |text: String| read("town.geojson", text.as_bytes(), &Settings::default().proxy).unwrap_err();
+        let read_text = |text: String| read("town.geojson", text.as_bytes(), &Settings::default().proxy, None).unwrap_err();
         assert!(matches!(read_text(text(MOST_FEATURES)), ImportError::NoStructures { objects: MOST_FEATURES, .. }));
         let error = read_text(text(MOST_FEATURES + 7));
         assert!(matches!(error, ImportError::TooManyFeatures { features, .. } if features == MOST_FEATURES + 7), "{error}");

@@ -93,18 +93,24 @@ pub(crate) fn structures(meshes: Vec<RawMesh>, report: &mut ImportReport) -> Vec
             let done = format!("{} faces without area dropped", mesh.degenerate);
             report.add(&name, mesh.place.clone(), ItemKind::DegenerateFaces, done);
         }
-        let turned = orient::turn_outwards(&mut mesh.triangles);
+        let turned = put_in_order(&mut mesh.triangles);
         if turned > 0 {
             report.add(&name, mesh.place, ItemKind::FacesTurned, format!("{turned} triangles of closed bodies turned outwards"));
         }
-        // Slivers hold a surface together while its faces are turned; afterwards a triangle without a normal only does harm.
-        mesh.triangles.retain(|[a, b, c]| (b - a).cross(&(c - a)).norm() > 2.0 * LEAST_AREA_M2);
         if mesh.triangles.is_empty() {
             continue;
         }
         structures.push(Structure { id: StructureId::of_name(&name), name, shape: Shape::Mesh { triangles: mesh.triangles } });
     }
     structures
+}
+
+/// Turns closed bodies outwards, leaves slivers out, and returns how many triangles were turned.
+pub(crate) fn put_in_order(triangles: &mut Vec<Triangle>) -> usize {
+    let turned = orient::turn_outwards(triangles);
+    // Slivers hold a surface together while its faces are turned; afterwards a triangle without a normal only does harm.
+    triangles.retain(|[a, b, c]| (b - a).cross(&(c - a)).norm() > 2.0 * LEAST_AREA_M2);
+    turned
 }
 
 fn no_faces(mesh: &RawMesh) -> String {

@@ -5,6 +5,7 @@
 pub mod proxy;
 pub mod solid;
 
+pub mod anchor;
 pub mod read;
 pub mod report;
 
@@ -29,6 +30,7 @@ pub mod write;
 
 pub mod differences;
 pub mod edit;
+pub mod update;
 
 pub mod degrade;
 
@@ -37,8 +39,8 @@ mod distance;
 pub mod free_space;
 
 pub use generate::{BlockSettings, generate_block, ny1_size};
-pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle};
-pub use read::{ImportError, read};
+pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle, ZoneSource};
+pub use read::{ImportError, read, read_anchored};
 pub use report::{ImportReport, ItemKind, Place, ReportItem};
 pub use solid::Bounds;
 pub use write::to_geojson;

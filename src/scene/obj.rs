@@ -9,6 +9,7 @@ use std::collections::HashMap;
 
 use nalgebra::{Point3, Vector3};
 
+use super::anchor::Anchor;
 use super::faces;
 use super::meshes::{self, RawMesh};
 use super::names::tidy;
@@ -22,7 +23,12 @@ use crate::settings::ProxySettings;
 /// Coordinates beyond this are no metres.
 const FARTHEST_M: f64 = 1e8;
 
-pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(Scene, ImportReport), ImportError> {
+pub(crate) fn read(
+    file: &str,
+    bytes: &[u8],
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<(Scene, ImportReport), ImportError> {
     let parsed = parse(bytes).map_err(|(line, what)| ImportError::Line { file: file.into(), line, what })?;
     let mut report = ImportReport::new(Format::Obj);
     let faces = parsed.faces.len();
@@ -32,7 +38,8 @@ pub(crate) fn read(file: &str, bytes: &[u8], settings: &ProxySettings) -> Result
         return Err(ImportError::Coordinates { file: file.into(), what });
     }
     meshes::drop_strays(&mut meshes, settings.max_extent_m, &mut report);
-    to_local(&mut meshes, settings, &mut report);
+    let given = anchor.map(|anchor| anchor.mesh(file)).transpose()?;
+    to_local(&mut meshes, given.map(Vector3::from), settings, &mut report);
     let structures = meshes::structures(meshes, &mut report);
     if structures.is_empty() {
         return Err(ImportError::NoStructures { file: file.into(), objects: faces, first: report.first_item() });
@@ -195,12 +202,14 @@ fn empty(name: String, line: usize) -> RawMesh {
     RawMesh { name, place: Place::Line(line), triangles: Vec::new(), degenerate: 0 }
 }
 
-/// Puts the lowest vertex on the ground. Coordinates stay as they are unless they lie far from zero, as in a national grid.
-fn to_local(meshes: &mut [RawMesh], settings: &ProxySettings, report: &mut ImportReport) {
+/// Puts the lowest vertex on the ground, unless the origin is given. Coordinates stay as they are unless they lie far from zero, as in a national grid.
+fn to_local(meshes: &mut [RawMesh], given: Option<Vector3<f64>>, settings: &ProxySettings, report: &mut ImportReport) {
     let Some(bounds) = meshes::bounds(meshes) else { return };
     let middle = nalgebra::center(&bounds.min, &bounds.max);
     let far = libm::hypot(middle.x, middle.y) > settings.max_extent_m;
-    let shift = if far { Vector3::new(middle.x, middle.y, bounds.min.z) } else { Vector3::new(0.0, 0.0, bounds.min.z) };
+    let chosen = if far { Vector3::new(middle.x, middle.y, bounds.min.z) } else { Vector3::new(0.0, 0.0, bounds.min.z) };
+    let shift = given.unwrap_or(chosen);
+    report.anchor = Some(Anchor::Mesh { origin_m: shift.into() });
     if shift != Vector3::zeros() {
         report.notes.push(format!("the local origin is ({}, {}, {}) in the file", shift.x, shift.y, shift.z));
     }
@@ -215,7 +224,7 @@ mod tests {
     use crate::settings::Settings;
 
     fn read_text(text: &str) -> Result<(Scene, ImportReport), ImportError> {
-        read("model.obj", text.as_bytes(), &Settings::default().proxy)
+        read("model.obj", text.as_bytes(), &Settings::default().proxy, None)
     }
 
     /// Two boxes 100 m apart, the second floating; faces are quads, some indices relative.

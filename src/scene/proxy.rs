@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use geo::MultiPolygon;
+use geo::{Coord, LineString, MultiPolygon, Polygon};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
@@ -42,13 +42,20 @@ pub struct Scene {
     pub zones: Vec<NoFlyZone>,
 }
 
-/// One building, building part, bridge or tower: the unit of editing and of sampling.
+/// One building, building part, bridge, tower or obstacle: the unit of editing and of sampling.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Structure {
     pub id: StructureId,
     /// The id in the file where it has one, else a derived one (`feature-17`).
     pub name: String,
     pub shape: Shape,
+}
+
+impl Structure {
+    /// Whether its surface is to be captured.
+    pub fn is_captured(&self) -> bool {
+        !matches!(self.shape, Shape::Obstacle { .. })
+    }
 }
 
 /// The geometry of a structure, metres in the local frame.
@@ -59,6 +66,22 @@ pub enum Shape {
     Prism { footprint: MultiPolygon<f64>, base_m: f64, top_m: f64 },
     /// A surface of triangles; it need not be closed.
     Mesh { triangles: Vec<Triangle> },
+    /// Something in the way, as a sensor on board reports it: a solid like that of [`Shape::Prism`], which hides what is behind it and which flights
+    /// keep clear of, but whose surface nobody wants to capture. It has no samples and does not widen the flight limits.
+    Obstacle { footprint: MultiPolygon<f64>, base_m: f64, top_m: f64 },
+}
+
+impl Shape {
+    /// The obstacle that fills an upright box. `size_m` are its sides along its own axes, of which the first is turned by `yaw_rad` counter-clockwise
+    /// from east; what would lie below the ground is left out.
+    pub fn obstacle_box(centre: Point3<f64>, size_m: [f64; 3], yaw_rad: f64) -> Self {
+        let (sin, cos) = libm::sincos(yaw_rad);
+        let [along, across, up] = size_m.map(|side| side / 2.0);
+        let corner = |(a, b): (f64, f64)| Coord { x: centre.x + a * cos - b * sin, y: centre.y + a * sin + b * cos };
+        let ring = [(-along, -across), (along, -across), (along, across), (-along, across), (-along, -across)].map(corner);
+        let footprint = MultiPolygon(vec![Polygon::new(LineString::from(ring.to_vec()), Vec::new())]);
+        Self::Obstacle { footprint, base_m: (centre.z - up).max(0.0), top_m: centre.z + up }
+    }
 }
 
 /// A polygon that the drone must not enter between two heights above the ground plane. A zone without a ceiling has
@@ -69,4 +92,13 @@ pub struct NoFlyZone {
     pub outline: MultiPolygon<f64>,
     pub floor_m: f64,
     pub ceiling_m: f64,
+    pub source: ZoneSource,
+}
+
+/// Where a zone of a scene comes from. A new version of the scene's file takes away only what came with the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ZoneSource {
+    File,
+    Edit,
+    Configuration,
 }

@@ -3,8 +3,10 @@
 use std::sync::Arc;
 
 use geo::{Area, BooleanOps, CoordsIter};
+use nalgebra::Point3;
 use serde::Deserialize;
 
+use super::anchor::Anchor;
 use super::json::Scalar;
 use super::proxy::{NoFlyZone, Scene, Shape, Structure};
 use super::report::ImportReport;
@@ -65,6 +67,11 @@ pub enum ImportError {
     VertexIndex { file: String, object: String, index: String, vertices: usize },
     #[error("{file}: line {line}: {what}; correct the line or export the file again")]
     Line { file: String, line: usize, what: String },
+    #[error(
+        "{file}: this cannot be put into the frame of the loaded scene: {what}; give a newer version of the file that the scene was loaded from, or load \
+         this one anew with `overfly load`"
+    )]
+    Anchor { file: String, what: String },
     #[error("{file}: the coordinates are absurd or not finite ({what}); check the export's units and origin")]
     Coordinates { file: String, what: String },
 }
@@ -72,6 +79,33 @@ pub enum ImportError {
 /// Reads a scene. The format follows from the content, then from the ending of `file_name`; the scene is named after the file.
 /// `bytes` may hold anything.
 pub fn read(file_name: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(Scene, ImportReport), ImportError> {
+    read_format(file_name, bytes, settings, None)
+}
+
+/// The same in the frame of a scene that was read before with this anchor (`ImportReport::anchor`): what both files have in common is the same, bit for
+/// bit. A file that cannot be put there is refused.
+pub fn read_anchored(
+    file_name: &str,
+    bytes: &[u8],
+    settings: &ProxySettings,
+    anchor: &Anchor,
+) -> Result<(Scene, ImportReport), ImportError> {
+    let (scene, report) = read_format(file_name, bytes, settings, Some(anchor))?;
+    let middle = scene.bounds().map_or(Point3::origin(), |bounds| nalgebra::center(&bounds.min, &bounds.max));
+    let distance_m = libm::hypot(middle.x, middle.y);
+    if distance_m > settings.max_extent_m {
+        let what = format!("its structures lie {:.0} km away", distance_m / 1000.0);
+        return Err(ImportError::Anchor { file: file_name.into(), what });
+    }
+    Ok((scene, report))
+}
+
+fn read_format(
+    file_name: &str,
+    bytes: &[u8],
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<(Scene, ImportReport), ImportError> {
     let file = file_name.to_owned();
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let Some(first) = bytes.iter().find(|byte| !byte.is_ascii_whitespace()) else {
@@ -79,9 +113,9 @@ pub fn read(file_name: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(
     };
     if matches!(first, b'{' | b'[') {
         return match json_kind(file_name, bytes)?.as_str() {
-            "CityJSON" => cityjson::read(file_name, bytes, settings),
+            "CityJSON" => cityjson::read(file_name, bytes, settings, anchor),
             "CityJSONFeature" => Err(ImportError::UnknownFormat { file, found: "a CityJSON sequence".into() }),
-            _ => geojson::read(file_name, bytes, settings),
+            _ => geojson::read(file_name, bytes, settings, anchor),
         };
     }
     if let Some(found) = foreign_format(bytes) {
@@ -89,7 +123,7 @@ pub fn read(file_name: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(
     }
     let lower = file_name.to_lowercase();
     if lower.ends_with(".obj") || looks_like_obj(bytes) {
-        return obj::read(file_name, bytes, settings);
+        return obj::read(file_name, bytes, settings, anchor);
     }
     if lower.ends_with("json") {
         json_kind(file_name, bytes)?;
@@ -194,7 +228,7 @@ const MOST_WORK: usize = 100_000_000;
 fn count_overlaps(structures: &[Structure], report: &mut ImportReport) {
     let prisms = structures.iter().filter_map(|structure| match &structure.shape {
         Shape::Prism { footprint, .. } => Some((structure.bounds(), structure.name.as_str(), footprint)),
-        Shape::Mesh { .. } => None,
+        Shape::Mesh { .. } | Shape::Obstacle { .. } => None,
     });
     let mut prisms: Vec<_> = prisms.collect();
     prisms.sort_by(|a, b| a.0.min.x.total_cmp(&b.0.min.x));

@@ -5,6 +5,8 @@ use std::fmt;
 
 use serde::Serialize;
 
+use super::anchor::Anchor;
+
 /// The format that a scene was read from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -26,6 +28,9 @@ pub struct ImportReport {
     pub tallest_m: f64,
     /// EPSG code of the file's coordinates, where it names one.
     pub epsg: Option<u32>,
+    /// Where the local origin lies in the file; `None` where nothing is placed.
+    #[serde(skip)]
+    pub anchor: Option<Anchor>,
     /// Remarks on the file as a whole.
     pub notes: Vec<String>,
     /// Objects that are no structures (roads, water, ...), by type.
@@ -131,6 +136,7 @@ impl ImportReport {
             extent_m: [0.0; 2],
             tallest_m: 0.0,
             epsg: None,
+            anchor: None,
             notes: Vec::new(),
             ignored: BTreeMap::new(),
             overlapping_pairs: 0,

@@ -31,6 +31,13 @@ impl Bounds {
         points.into_iter().map(|point| Self { min: point, max: point }).reduce(|a, b| a.union(&b))
     }
 
+    /// The box between two heights over an outline; `None` for one without corners.
+    pub fn above(outline: &MultiPolygon<f64>, base_m: f64, top_m: f64) -> Option<Self> {
+        let rect = outline.bounding_rect()?;
+        let corner = |at: geo::Coord, z: f64| Point3::new(at.x, at.y, z);
+        Some(Self { min: corner(rect.min(), base_m), max: corner(rect.max(), top_m) })
+    }
+
     pub fn union(&self, other: &Self) -> Self {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
     }
@@ -81,6 +88,12 @@ impl Scene {
     pub fn bounds(&self) -> Option<Bounds> {
         self.structures.iter().map(|structure| structure.bounds()).reduce(|a, b| a.union(&b))
     }
+
+    /// The box around all structures whose surface is to be captured.
+    pub fn captured_bounds(&self) -> Option<Bounds> {
+        let captured = self.structures.iter().filter(|structure| structure.is_captured());
+        captured.map(|structure| structure.bounds()).reduce(|a, b| a.union(&b))
+    }
 }
 
 impl Structure {
@@ -88,17 +101,18 @@ impl Structure {
     pub fn triangles(&self) -> Vec<Triangle> {
         match &self.shape {
             Shape::Mesh { triangles } => triangles.clone(),
-            Shape::Prism { footprint, base_m, top_m } => prism_triangles(footprint, *base_m, *top_m),
+            Shape::Prism { footprint, base_m, top_m } | Shape::Obstacle { footprint, base_m, top_m } => {
+                prism_triangles(footprint, *base_m, *top_m)
+            }
         }
     }
 
     pub fn bounds(&self) -> Bounds {
         let bounds = match &self.shape {
             Shape::Mesh { triangles } => Bounds::of_points(triangles.iter().flatten().copied()),
-            Shape::Prism { footprint, base_m, top_m } => footprint.bounding_rect().map(|rect| Bounds {
-                min: Point3::new(rect.min().x, rect.min().y, *base_m),
-                max: Point3::new(rect.max().x, rect.max().y, *top_m),
-            }),
+            Shape::Prism { footprint, base_m, top_m } | Shape::Obstacle { footprint, base_m, top_m } => {
+                Bounds::above(footprint, *base_m, *top_m)
+            }
         };
         bounds.unwrap_or(Bounds { min: Point3::origin(), max: Point3::origin() })
     }
@@ -106,7 +120,7 @@ impl Structure {
     /// The structure seen from above, m: exterior rings counter-clockwise, holes clockwise.
     pub fn outlines(&self) -> MultiPolygon<f64> {
         match &self.shape {
-            Shape::Prism { footprint, .. } => footprint.clone(),
+            Shape::Prism { footprint, .. } | Shape::Obstacle { footprint, .. } => footprint.clone(),
             Shape::Mesh { triangles } => shadow(triangles),
         }
     }
@@ -116,7 +130,7 @@ impl Structure {
     /// in the ground plane when it stands on the ground.
     pub fn contains(&self, point: &Point3<f64>) -> bool {
         match &self.shape {
-            Shape::Prism { footprint, base_m, top_m } => {
+            Shape::Prism { footprint, base_m, top_m } | Shape::Obstacle { footprint, base_m, top_m } => {
                 *base_m < point.z && point.z < *top_m && footprint.contains(&Point::new(point.x, point.y))
             }
             Shape::Mesh { triangles } => {

@@ -1,7 +1,7 @@
 //! Outlines of no-fly zones. A zone is barred exactly as it is given or not at all: what cannot be read without doubt is an error,
 //! and no repair may make a zone smaller.
 
-use geo::{Area, BooleanOps, Coord, MultiPolygon};
+use geo::{Area, BooleanOps, Coord, MultiPolygon, Polygon};
 use nalgebra::Point3;
 
 use super::footprint::{self, MOST_CORNERS, RawPolygon, Repair, RingCounts, Winding};
@@ -13,10 +13,14 @@ pub(crate) const ONLY_POLYGONS: &str = "give it as a Polygon or MultiPolygon wit
 const SIMPLIFY: &str = "simplify its outline so that the simpler one lies around it";
 const REDRAW: &str = "correct its outline so that no ring crosses itself or another";
 const DEGREES: &str = "give its corners as [longitude, latitude] in degrees";
+const METRES: &str = "give its corners in metres in the scene's local frame";
 const SPLIT: &str = "split it at the 180th meridian (RFC 7946, section 3.1.9)";
 
 /// No structure leaves three times the greatest extent, and no flight goes farther from the structures than this, m.
 const FARTHEST_FLIGHT_M: f64 = 10_000.0;
+
+/// Corners that edits give lie no farther from the origin, m: beyond, rounding would move the outline.
+const FARTHEST_CORNER_M: f64 = 1e6;
 
 /// An edge is straight in degrees, not in the local frame; over this many degrees the difference is a few centimetres.
 const STEP_DEG: f64 = 0.01;
@@ -68,6 +72,46 @@ pub(crate) fn outline(
             .push((ItemKind::Outlier, format!("the zone lies wholly more than {km:.0} km from the scene: it bars nothing here")));
     }
     Ok(MultiPolygon(outline))
+}
+
+/// The outline that an edit gives in local metres, put in order. What crosses itself is refused, since it cannot be told what is meant.
+pub(crate) fn checked(outline: &MultiPolygon<f64>) -> Result<MultiPolygon<f64>, Refusal> {
+    let rings = |polygon: &Polygon<f64>| -> RawPolygon {
+        std::iter::once(polygon.exterior()).chain(polygon.interiors()).map(|ring| ring.0.clone()).collect()
+    };
+    let polygons: Vec<RawPolygon> = outline.iter().map(rings).collect();
+    let corners: usize = polygons.iter().flatten().map(Vec::len).sum();
+    if corners > MOST_CORNERS {
+        return Err((format!("has {corners} corners, more than {MOST_CORNERS}"), SIMPLIFY));
+    }
+    if !polygons
+        .iter()
+        .flatten()
+        .flatten()
+        .all(|corner| corner.x.abs() <= FARTHEST_CORNER_M && corner.y.abs() <= FARTHEST_CORNER_M)
+    {
+        return Err(("has a corner that is not finite or too far away".into(), METRES));
+    }
+    let (mut counts, mut repairs, mut parts) = (RingCounts::default(), Vec::new(), Vec::new());
+    for polygon in &polygons {
+        let part = body(polygon, &mut counts, &mut repairs)?;
+        parts.extend(part.ok_or_else(|| ("has a part that encloses no area".to_owned(), REDRAW))?.0);
+    }
+    match repairs.into_iter().next() {
+        Some((_, problem)) => Err((format!("has an outline that is not sound ({problem})"), REDRAW)),
+        None if parts.is_empty() => Err(("has no outline".into(), REDRAW)),
+        None => Ok(MultiPolygon(parts)),
+    }
+}
+
+/// A zone without a ceiling has [`f64::MAX`].
+pub(crate) fn check_heights(floor_m: f64, ceiling_m: f64) -> Result<(), Refusal> {
+    // Written so that NaN is refused too.
+    if floor_m.is_finite() && ceiling_m > floor_m.max(0.0) && ceiling_m <= f64::MAX {
+        return Ok(());
+    }
+    let problem = format!("has its floor at {floor_m} m and its ceiling at {ceiling_m} m");
+    Err((problem, "give a floor below the ceiling, which lies above the ground, or no ceiling"))
 }
 
 fn check(polygons: &[RawPolygon]) -> Result<(), Refusal> {
@@ -196,7 +240,7 @@ fn local(ring: &[Coord<f64>], origin: Geodetic, corners_left: &mut usize) -> Opt
 
 #[cfg(test)]
 mod tests {
-    use geo::{Contains, Intersects, Point, Polygon, coord};
+    use geo::{Contains, Intersects, Point, coord};
     use proptest::prelude::*;
 
     use super::*;

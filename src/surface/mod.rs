@@ -143,11 +143,14 @@ impl Sampler {
     }
 }
 
-/// The samples of one structure, all marked exposed.
+/// The samples of one structure, all marked exposed; an obstacle has none.
 ///
 /// The surface is cut into small triangles, these are put into an order in which neighbours follow one another (by facing, then
 /// along a space-filling curve), and every A/n of the summed area one of them is taken: an even spread without random clumps.
 pub fn sample_structure(structure: &Structure, sampling: &Sampling) -> Vec<Sample> {
+    if !structure.is_captured() {
+        return Vec::new();
+    }
     let pieces = ordered_pieces(structure, sampling.spacing_m);
     let area: f64 = pieces.iter().map(area_m2).sum();
     if area <= 0.0 {
@@ -185,7 +188,7 @@ fn outward_normals(
     offset_m: f64,
 ) -> impl Iterator<Item = Vector3<f64>> + use<> {
     let (front, back) = match structure.shape {
-        Shape::Prism { .. } => (true, false),
+        Shape::Prism { .. } | Shape::Obstacle { .. } => (true, false),
         Shape::Mesh { .. } => {
             (!structure.contains(&(position + normal * offset_m)), !structure.contains(&(position - normal * offset_m)))
         }
@@ -283,7 +286,8 @@ fn cut(triangle: Triangle, spacing_m: f64, pieces: &mut Vec<Triangle>) {
 }
 
 fn scene_area_m2(scene: &Scene) -> f64 {
-    scene.structures.iter().flat_map(|structure| structure.triangles()).map(|triangle| area_m2(&triangle)).sum()
+    let captured = scene.structures.iter().filter(|structure| structure.is_captured());
+    captured.flat_map(|structure| structure.triangles()).map(|triangle| area_m2(&triangle)).sum()
 }
 
 fn area_m2([a, b, c]: &Triangle) -> f64 {

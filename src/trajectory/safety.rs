@@ -129,7 +129,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::scene::{BlockSettings, NoFlyZone, generate_block};
+    use crate::scene::{BlockSettings, NoFlyZone, ZoneSource, generate_block};
     use crate::settings::Settings;
     use crate::trajectory::profile::Profile;
 
@@ -137,7 +137,8 @@ mod tests {
         let Settings { flight, dynamics, .. } = Settings::default();
         let mut scene = generate_block(&BlockSettings { seed: 3, extent_m: [130.0, 130.0], buildings: 9, ..Default::default() });
         let outline = MultiPolygon::new(vec![Polygon::new(LineString::from(zone.map(|[x, y]| (x, y)).to_vec()), vec![])]);
-        scene.zones.push(NoFlyZone { name: "pad".to_owned(), outline, floor_m: 0.0, ceiling_m: 60.0 });
+        let source = ZoneSource::File;
+        scene.zones.push(NoFlyZone { name: "pad".to_owned(), outline, floor_m: 0.0, ceiling_m: 60.0, source });
         let free = FreeSpace::new(&scene, &flight).unwrap();
         (free, Limits::new(&Rig::preset("panoramic").unwrap(), &Settings::default().flight, &dynamics))
     }

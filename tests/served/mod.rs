@@ -1,6 +1,8 @@
 //! A real daemon process in a domain of its own, for tests.
 #![allow(dead_code, reason = "each test uses its own part of this module")]
 
+pub mod vandal;
+
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};

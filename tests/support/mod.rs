@@ -9,7 +9,7 @@ use nalgebra::Point3;
 use overfly::camera::Rig;
 use overfly::planner::{Method, PlanOptions, StopToken};
 use overfly::scene::edit::Edit;
-use overfly::scene::{BlockSettings, Scene, Triangle, generate_block};
+use overfly::scene::{BlockSettings, NoFlyZone, Scene, Shape, Triangle, ZoneSource, generate_block};
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
 use rand_chacha::ChaCha8Rng;
@@ -55,36 +55,77 @@ pub fn random_edit(scene: &Scene, random: &mut ChaCha8Rng) -> Edit {
     let mut below = |count: u64| random.next_u64() % count;
     let structure = &scene.structures[below(scene.structures.len() as u64) as usize];
     let (id, bounds) = (structure.id, structure.bounds());
-    match below(5) {
+    let [x, y] = [bounds.max.x + below(20) as f64, bounds.min.y + below(20) as f64];
+    let name = format!("new-{}", below(1 << 40));
+    match below(12) {
         0 => Edit::Raise { id, by_m: 1.0 + below(12) as f64 },
         1 => Edit::Lower { id, by_m: 1.0 + below(4) as f64 },
         2 => Edit::Move { id, by_m: [below(21) as f64 - 10.0, below(21) as f64 - 10.0] },
-        3 => {
-            let [x, y] = [bounds.max.x + below(20) as f64, bounds.min.y + below(20) as f64];
-            let (width, depth) = (3.0 + below(12) as f64, 3.0 + below(12) as f64);
-            let footprint = polygon![(x: x, y: y), (x: x + width, y: y), (x: x + width, y: y + depth), (x: x, y: y + depth)];
-            Edit::Add { name: format!("new-{}", below(1 << 40)), footprint, base_m: 0.0, top_m: 3.0 + below(25) as f64 }
+        3..=5 => Edit::Add { name, shape: random_shape([x, y], &mut below) },
+        6 | 7 => Edit::Replace { id, shape: random_shape([bounds.min.x, bounds.min.y], &mut below) },
+        8 | 9 if scene.zones.len() < 4 => Edit::AddZone { zone: random_zone(name, [x, y], &mut below) },
+        8..=10 if !scene.zones.is_empty() => {
+            Edit::RemoveZone { name: scene.zones[below(scene.zones.len() as u64) as usize].name.clone() }
         }
         _ => Edit::Remove { id },
     }
 }
 
-/// Makes edits by chance, one after the other, and holds the field that follows from the one before against one that is built anew, bit for
+/// A prism, a mesh or an obstacle by chance, its south-west corner about here.
+fn random_shape([x, y]: [f64; 2], below: &mut impl FnMut(u64) -> u64) -> Shape {
+    let (width, depth) = (3.0 + below(12) as f64, 3.0 + below(12) as f64);
+    let (base_m, height_m) = (below(3) as f64 * 4.0, 3.0 + below(25) as f64);
+    let footprint = polygon![(x: x, y: y), (x: x + width, y: y), (x: x + width, y: y + depth), (x: x, y: y + depth)].into();
+    match below(3) {
+        0 => Shape::Prism { footprint, base_m, top_m: base_m + height_m },
+        1 => {
+            // A roof with a ridge over open walls, or a sheet where the ridge is all there is.
+            let [a, b, c, d] =
+                [[x, y], [x + width, y], [x + width, y + depth], [x, y + depth]].map(|[x, y]| Point3::new(x, y, base_m));
+            let ridge = Point3::new(x + width / 2.0, y + depth / 2.0, base_m + height_m);
+            let faces = [[a, b, ridge], [b, c, ridge], [c, d, ridge], [d, a, ridge]];
+            Shape::Mesh { triangles: faces[..1 + below(4) as usize].to_vec() }
+        }
+        _ => {
+            let centre = Point3::new(x, y, base_m + height_m / 2.0);
+            Shape::obstacle_box(centre, [width, depth, height_m], below(100) as f64 / 16.0)
+        }
+    }
+}
+
+/// A zone by chance, with or without a ceiling, some of them over half the block.
+fn random_zone(name: String, [x, y]: [f64; 2], below: &mut impl FnMut(u64) -> u64) -> NoFlyZone {
+    let side = if below(4) == 0 { 80.0 } else { 6.0 + below(20) as f64 };
+    let outline = polygon![(x: x, y: y), (x: x + side, y: y - 3.0), (x: x + side / 2.0, y: y + side)].into();
+    let floor_m = below(40) as f64;
+    let ceiling_m = if below(2) == 0 { f64::MAX } else { floor_m + 5.0 + below(30) as f64 };
+    NoFlyZone { name, outline, floor_m, ceiling_m, source: ZoneSource::Edit }
+}
+
+/// Makes edits by chance, alone and several at a time, and holds the field that follows from the one before against one that is built anew, bit for
 /// bit. Returns how many could be made.
 pub fn check_updates(scene: Scene, settings: &Settings, edits: usize, seed: u64) -> usize {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut edited = session(scene, settings);
     let mut latest = snapshot(&edited);
-    let mut made = 0;
-    for number in 0..edits {
-        let edit = random_edit(edited.scene(), &mut random);
-        if edited.apply(&edit).is_err() {
-            continue;
+    let (mut tried, mut made) = (0, 0);
+    while tried < edits {
+        let together = if random.next_u64() % 4 == 0 { 2 + random.next_u64() % 4 } else { 1 };
+        let mut scene = Scene::clone(edited.scene());
+        let mut batch = Vec::new();
+        for _ in 0..together {
+            tried += 1;
+            let edit = random_edit(&scene, &mut random);
+            if let Ok((next, _)) = scene.edited(&edit, &settings.proxy) {
+                scene = next;
+                batch.push(edit);
+            }
         }
-        made += 1;
+        made += batch.len();
+        edited = edited.with_scene(scene, edited.revision() + 1);
         latest = snapshot_after(&edited, &latest);
         let rebuilt = snapshot(&edited.with_scene(forgotten(edited.scene()), edited.revision()));
-        assert!(latest.storage().blocks() == rebuilt.storage().blocks(), "after edit {number}: {edit:?}");
+        assert!(latest.storage().blocks() == rebuilt.storage().blocks(), "after {tried} edits: {batch:?}");
     }
     made
 }

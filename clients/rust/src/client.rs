@@ -7,7 +7,9 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use overfly_wire::service::{LOOK_AGAIN, ServiceError};
-use overfly_wire::{Domain, EditOrder, Loaded, PlanOrder, ProgressNote, RefusalCode, Reply, Request, Status, StructureInfo};
+use overfly_wire::{
+    Domain, EditOrder, Loaded, PlanOrder, ProgressNote, RefusalCode, Reply, Request, Status, StructureInfo, Updated, ZoneInfo,
+};
 
 use crate::error::ClientError;
 use crate::field::FieldMap;
@@ -76,10 +78,7 @@ impl Client {
         let name = name.map(str::to_owned);
         let (request, bulk) = match source {
             SceneSource::Bytes { file_name, bytes } => (Request::LoadBytes { file_name, name }, bytes),
-            SceneSource::Path(path) => {
-                let absolute = std::path::absolute(&path).map_err(|cause| ClientError::Path { path, cause })?;
-                (Request::LoadPath { path: absolute.as_os_str().as_bytes().to_vec(), name }, Vec::new())
-            }
+            SceneSource::Path(path) => (Request::LoadPath { path: absolute(path)?, name }, Vec::new()),
         };
         match self.link.call(&request, &bulk, PATIENCE, on_progress)?.1 {
             Reply::Loaded(loaded) => Ok(loaded),
@@ -111,12 +110,45 @@ impl Client {
         self.done(&Request::Cancel { scene: scene.into() })
     }
 
-    /// Changes a structure of a scene. Returns at once; the field is rebuilt, and a scene that has been planned before is replanned.
+    /// Changes a structure or a no-fly zone of a scene. Returns when the field of the changed scene stands; a scene that has been planned before is then
+    /// replanned: see [`Client::await_replan`].
     pub fn edit(&self, scene: &str, edit: &EditOrder) -> Result<Edited, ClientError> {
-        let request = Request::Edit { scene: scene.into(), edit: edit.clone() };
+        self.edit_all(scene, std::slice::from_ref(edit))
+    }
+
+    /// Makes edits together: one after the other as one revision with one new field and one replan, or none of them. A refusal says which one cannot be
+    /// made and why.
+    pub fn edit_all(&self, scene: &str, edits: &[EditOrder]) -> Result<Edited, ClientError> {
+        let request = Request::Edit { scene: scene.into(), edits: edits.to_vec() };
+        // Else one that is too large would be refused for its length alone.
+        request.check()?;
         match self.link.call(&request, &[], PATIENCE, &mut |_| {})? {
             (correlation, Reply::Edited { revision, replan_follows }) => {
                 Ok(Edited { scene: scene.into(), revision, replan_follows, correlation })
+            }
+            (_, other) => Err(unexpected(&other)),
+        }
+    }
+
+    /// Changes what differs between a scene and a new version of its file, as by edits that are made together; with `dry_run` that is only told. The file is
+    /// put into the frame of the scene; one that does not fit there is refused. Obstacles and zones that edits have added stay. The first of the result
+    /// is for [`Client::await_replan`].
+    pub fn update(
+        &self,
+        scene: &str,
+        source: SceneSource,
+        dry_run: bool,
+        on_progress: &mut dyn FnMut(&ProgressNote),
+    ) -> Result<(Edited, Updated), ClientError> {
+        let scene = scene.to_owned();
+        let (request, bulk) = match source {
+            SceneSource::Bytes { file_name, bytes } => (Request::UpdateBytes { scene: scene.clone(), file_name, dry_run }, bytes),
+            SceneSource::Path(path) => (Request::UpdatePath { scene: scene.clone(), path: absolute(path)?, dry_run }, Vec::new()),
+        };
+        match self.link.call(&request, &bulk, PATIENCE, on_progress)? {
+            (correlation, Reply::Updated(updated)) => {
+                let (revision, replan_follows) = (updated.revision, updated.replan_follows);
+                Ok((Edited { scene, revision, replan_follows, correlation }, updated))
             }
             (_, other) => Err(unexpected(&other)),
         }
@@ -144,7 +176,7 @@ impl Client {
                     Some(Reply::Planned { epoch }) => return self.published(&edited.scene, edited.correlation, epoch),
                     Some(Reply::Progress(note)) => on_progress(&note),
                     // The answer to the edit itself may be repeated.
-                    Some(Reply::Acknowledged | Reply::Edited { .. }) | None => {}
+                    Some(Reply::Acknowledged | Reply::Edited { .. } | Reply::Updated(_)) | None => {}
                     Some(other) => return Err(unexpected(&other)),
                 }
                 if let Some(plan) = self.take_plan(edited.correlation)? {
@@ -190,6 +222,14 @@ impl Client {
     pub fn structures(&self, scene: &str) -> Result<Vec<StructureInfo>, ClientError> {
         match self.link.call(&Request::Structures { scene: scene.into() }, &[], PATIENCE, &mut |_| {})?.1 {
             Reply::Structures(structures) => Ok(structures),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    /// The no-fly zones of a scene; those of the configuration are not among them.
+    pub fn zones(&self, scene: &str) -> Result<Vec<ZoneInfo>, ClientError> {
+        match self.link.call(&Request::Zones { scene: scene.into() }, &[], PATIENCE, &mut |_| {})?.1 {
+            Reply::Zones(zones) => Ok(zones),
             other => Err(unexpected(&other)),
         }
     }
@@ -299,6 +339,12 @@ impl Client {
         let found = kept.iter().position(|plan| plan.asked_by() == (self.link.id, correlation));
         Ok(found.and_then(|index| kept.remove(index)))
     }
+}
+
+/// The bytes of an absolute path.
+fn absolute(path: PathBuf) -> Result<Vec<u8>, ClientError> {
+    let absolute = std::path::absolute(&path).map_err(|cause| ClientError::Path { path, cause })?;
+    Ok(absolute.as_os_str().as_bytes().to_vec())
 }
 
 fn replaced(scene: &str) -> ClientError {

@@ -3,8 +3,8 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// Longest body of a request, bytes: the outline of an added structure is the largest thing in one.
-pub const MAX_REQUEST_BYTES: usize = 1 << 20;
+/// Longest body of a request, bytes: two added meshes are about the largest thing in one.
+pub const MAX_REQUEST_BYTES: usize = 4 << 20;
 
 /// Longest body of a reply, bytes: the list of all structures of a large town is the largest thing in one.
 pub const MAX_REPLY_BYTES: usize = 64 << 20;

@@ -18,7 +18,7 @@ pub mod service;
 pub use domain::{Domain, DomainError, DomainLock, LockError};
 pub use header::{Header, Kind, SCHEMA, WireBlock};
 pub use message::{
-    EditOrder, Loaded, PlanOrder, PlanSummary, ProgressNote, Refusal, RefusalCode, Reply, Request, SceneState, SceneStatus,
-    Stage, Status, StructureInfo,
+    EditOrder, Loaded, PlanOrder, PlanSummary, ProgressNote, Refusal, RefusalCode, Reply, Request, SceneChanges, SceneState,
+    SceneStatus, ShapeOrder, Stage, Status, StructureInfo, StructureKind, Updated, ZoneInfo,
 };
 pub use service::Ipc;

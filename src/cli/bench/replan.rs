@@ -174,12 +174,8 @@ fn pillar(number: u32, plan: &PlanTable) -> EditOrder {
     let place = |k: usize| plan.waypoints.get(k).map_or_else(Point3::origin, |row| Point3::from(row.position_m));
     let middle = center(&place(leg), &place(leg + 1));
     let corner = |dx: f64, dy: f64| [middle.x + dx * HALF_WIDTH_M, middle.y + dy * HALF_WIDTH_M];
-    EditOrder::Add {
-        name: pillar_name(number),
-        outline_m: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
-        base_m: 0.0,
-        top_m: middle.z + ABOVE_M,
-    }
+    let outline_m = vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+    EditOrder::add_prism(pillar_name(number), outline_m, 0.0, middle.z + ABOVE_M)
 }
 
 /// The structure that is farthest from the flight: higher, and the next time lower again.

@@ -12,9 +12,12 @@ use serde::{Deserialize, Serialize};
 
 pub use self::check::{MAX_COORDINATE_M, MAX_NAME_BYTES, MAX_PATH_BYTES, check_scene_name, plain_scene_name};
 use self::check::{check_file_name, check_path};
-pub use self::edit::EditOrder;
+use self::edit::check_edits;
+pub use self::edit::{EditOrder, MAX_EDITS, MAX_MESH_TRIANGLES, MAX_MESH_VERTICES, OBSTACLE_SIDE_M, ShapeOrder};
 pub use self::plan::{MAX_ITERATIONS, MAX_RIG_FILE_BYTES, MAX_SECONDS, PlanOrder};
-pub use self::reply::{Loaded, ProgressNote, Refusal, RefusalCode, Reply, Stage, StructureInfo};
+pub use self::reply::{
+    Loaded, ProgressNote, Refusal, RefusalCode, Reply, SceneChanges, Stage, StructureInfo, StructureKind, Updated, ZoneInfo,
+};
 pub use self::status::{PlanSummary, SceneState, SceneStatus, Status};
 
 /// Most corners of an outline.
@@ -44,9 +47,23 @@ pub enum Request {
         scene: String,
         order: Box<PlanOrder>,
     },
+    /// Edits that are made together, one after the other, as one revision, or not at all: [`Reply::Edited`].
     Edit {
         scene: String,
-        edit: EditOrder,
+        edits: Vec<EditOrder>,
+    },
+    /// A new version of the scene's file, which the daemon can read: the bytes of an absolute path. What differs is changed as by edits that are made
+    /// together, or with `dry_run` only told: [`Reply::Updated`].
+    UpdatePath {
+        scene: String,
+        path: Vec<u8>,
+        dry_run: bool,
+    },
+    /// The same with the file as bulk.
+    UpdateBytes {
+        scene: String,
+        file_name: String,
+        dry_run: bool,
     },
     /// Ends the scene's running search; its best plan so far is published.
     Cancel {
@@ -65,6 +82,9 @@ pub enum Request {
         correlation: u64,
     },
     Structures {
+        scene: String,
+    },
+    Zones {
         scene: String,
     },
     Status,
@@ -87,15 +107,24 @@ impl Request {
                 check_scene_name(scene)?;
                 order.check()
             }
-            Request::Edit { scene, edit } => {
+            Request::Edit { scene, edits } => {
                 check_scene_name(scene)?;
-                edit.check()
+                check_edits(edits)
+            }
+            Request::UpdatePath { scene, path, .. } => {
+                check_scene_name(scene)?;
+                check_path(path)
+            }
+            Request::UpdateBytes { scene, file_name, .. } => {
+                check_scene_name(scene)?;
+                check_file_name(file_name)
             }
             Request::Unload { scene }
             | Request::Cancel { scene }
             | Request::Locate { scene }
             | Request::Republish { scene }
-            | Request::Structures { scene } => check_scene_name(scene),
+            | Request::Structures { scene }
+            | Request::Zones { scene } => check_scene_name(scene),
             Request::Hello | Request::Ping | Request::Outcome { .. } | Request::Status | Request::Reload | Request::Stop => {
                 Ok(())
             }

@@ -23,6 +23,7 @@ pub enum Reply {
         revision: u64,
         replan_follows: bool,
     },
+    Updated(Updated),
     /// The field of the scene: its service holds a table of this epoch, or of a later one.
     Located {
         epoch: u64,
@@ -30,6 +31,7 @@ pub enum Reply {
         bytes: u64,
     },
     Structures(Vec<StructureInfo>),
+    Zones(Vec<ZoneInfo>),
     Status(Status),
     Done,
     Refused(Refusal),
@@ -52,6 +54,7 @@ pub enum RefusalCode {
     /// A value is not finite, out of range, or a name is too long or empty.
     Invalid,
     UnknownScene,
+    /// Also of a no-fly zone.
     UnknownStructure,
     /// The scene file cannot be read.
     Import,
@@ -139,9 +142,80 @@ pub struct StructureInfo {
     pub base_m: f64,
     pub top_m: f64,
     pub samples: u64,
+    pub kind: StructureKind,
+}
+
+/// What a structure is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StructureKind {
+    Prism,
+    Mesh,
+    /// It is kept clear of, but not captured.
+    Obstacle,
+}
+
+/// A no-fly zone of a scene; those of the configuration belong to no scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ZoneInfo {
+    pub name: String,
+    /// Above the ground.
+    pub floor_m: f64,
+    /// `None` for a zone without a ceiling.
+    pub ceiling_m: Option<f64>,
+    /// An edit has added it, so that a new version of the scene's file does not take it away.
+    pub by_edit: bool,
+}
+
+/// A scene that was compared with a new version of its file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Updated {
+    /// The scene's revision from now on; the one that was compared after a dry run, and when nothing differed.
+    pub revision: u64,
+    pub replan_follows: bool,
+    pub changes: SceneChanges,
+    /// What was repaired or guessed in the file, one line each.
+    pub report_lines: Vec<String>,
+}
+
+/// How a new version of a scene differs, by names.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SceneChanges {
+    pub added: Vec<String>,
+    pub removed: Vec<String>,
+    pub changed: Vec<String>,
+    pub zones_added: Vec<String>,
+    pub zones_removed: Vec<String>,
+    pub zones_changed: Vec<String>,
+}
+
+impl SceneChanges {
+    /// Everything that differs, each kind with its names.
+    pub fn kinds(&self) -> [(&'static str, &[String]); 6] {
+        [
+            ("added", &self.added),
+            ("removed", &self.removed),
+            ("changed", &self.changed),
+            ("zones added", &self.zones_added),
+            ("zones removed", &self.zones_removed),
+            ("zones changed", &self.zones_changed),
+        ]
+    }
+
+    /// Whether nothing differs.
+    pub fn is_empty(&self) -> bool {
+        self.kinds().iter().all(|(_, names)| names.is_empty())
+    }
 }
 impl Refusal {
     pub fn new(code: RefusalCode, message: impl Into<String>) -> Self {
         Self { code, message: message.into() }
+    }
+
+    /// The same, of one of several edits that were to be made together: it says which one, and that none was made.
+    pub fn of_edit(self, index: usize, count: usize) -> Self {
+        if count == 1 {
+            return self;
+        }
+        Self { message: format!("edit {} of {count}: {}; none of them was made", index + 1, self.message), ..self }
     }
 }

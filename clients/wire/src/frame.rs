@@ -120,7 +120,7 @@ mod tests {
         fn no_header_reads_beyond_the_payload(words in any::<[u64; 7]>(), honest: bool, blocks in 0usize..4) {
             let [magic, kinds, instance, epoch, client, body_bytes, bulk_bytes] = words;
             let mut header = Header { magic, schema: kinds as u32, kind: (kinds >> 32) as u32, instance, epoch, client,
-                correlation: 0, body_bytes, bulk_bytes };
+                body_bytes, bulk_bytes, ..Header::default() };
             if honest {
                 header = Header { body_bytes: body_bytes % 400, bulk_bytes: bulk_bytes % 400, ..Header::new(Kind::Request) };
             }

@@ -19,7 +19,7 @@ use crate::settings::Settings;
 use crate::stop::StopToken;
 use crate::surface::{self, Sample, Sampler, Samples, Sampling};
 
-pub use crate::field::{FieldError, FieldStorage, Snapshot, Survey};
+pub use crate::field::{FieldError, FieldStorage, Findings, HeapField, Place, Snapshot, Survey};
 
 /// A scene with its revision and the field settings that were pinned when it was loaded.
 #[derive(Clone, Debug)]
@@ -93,7 +93,9 @@ impl Session {
         let free = FreeSpace::after(&earlier.free, &self.scene, &differences, &self.settings.flight)?;
         self.check_size(&free, stop)?;
         let footing = &earlier.footing;
-        let samples = self.sampler.sample_after(&self.scene, &differences, &footing.samples, stop).ok_or(FieldError::Stopped)?;
+        let bounds = free.structure_bounds();
+        let samples = self.sampler.sample_after(&self.scene, &differences, &footing.samples, &bounds, stop);
+        let samples = samples.ok_or(FieldError::Stopped)?;
         let limits = &earlier.free.limits;
         let sites = field::sites_after(&free, &self.pins.lattice, &footing.sites, limits, &differences, stop);
         let sites = sites.ok_or(FieldError::Stopped)?;
@@ -139,8 +141,6 @@ impl Session {
             viewpoints: reached.iter().map(|&index| sites[index].viewpoint).collect(),
             sites,
             earlier,
-            unions: Vec::new(),
-            seen: None,
         })
     }
 

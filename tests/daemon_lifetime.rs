@@ -4,8 +4,13 @@ mod served;
 
 use std::time::Duration;
 
-use overfly_client::{Client, ClientError, RefusalCode, SceneState};
+use overfly_client::{Client, ClientError, FieldMap, RefusalCode, SceneState};
 use served::{PATIENCE, Served, endless, fresh_domain, load, quick, refusal, wait_for};
+
+fn sees_something(field: &FieldMap) -> bool {
+    let table = field.table();
+    (0..table.viewpoints.len()).any(|j| table.row(j).samples().next().is_some())
+}
 
 #[test]
 fn sigterm_and_sigint_leave_nothing_behind() {
@@ -31,7 +36,7 @@ fn the_last_client_tidies_up_when_the_daemon_ended_before_it() {
     served.signal("-TERM");
     assert!(served.ended().success());
     // What was mapped stays readable.
-    assert!(field.table().visibility.iter().any(|word| *word != 0));
+    assert!(sees_something(&field));
     drop(client);
     drop(field);
     assert_eq!(served.leftovers(), Vec::<std::path::PathBuf>::new());
@@ -114,7 +119,7 @@ fn a_killed_daemon_is_followed_by_another_that_serves_anew() {
     load(&client, "block");
     let field = client.field("block").unwrap();
     assert_ne!(field.instance(), old_instance, "the killed daemon's field must not be taken for the new one");
-    assert!(old_field.table().visibility.iter().any(|word| *word != 0), "what was mapped stays readable");
+    assert!(sees_something(&old_field), "what was mapped stays readable");
 
     assert!(matches!(survivor.status(), Err(ClientError::Restarted { .. })));
     assert_eq!(survivor.status().unwrap().scenes.len(), 1, "a client that was told goes on with the new daemon");

@@ -2,11 +2,14 @@
 
 mod served;
 
+use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use overfly_client::{Client, Domain, EditOrder, FieldMap, RefusalCode};
+use overfly::scene::{BlockSettings, generate_block, write};
+use overfly_client::{Client, Domain, EditOrder, FieldMap, RefusalCode, SceneSource};
 use overfly_wire::service::FIELD_SAMPLES;
 use served::{PATIENCE, Served, block, load, refusal, wait_for};
 
@@ -42,6 +45,53 @@ fn a_client_that_keeps_every_old_field_starves_nobody() {
     for (index, field) in kept.iter().enumerate() {
         assert_eq!(field.table().facts.revision, index as u64 + 1, "a field that is held never changes");
     }
+}
+
+#[test]
+fn fields_before_and_after_an_edit_share_what_it_leaves_alone() {
+    let served = Served::start();
+    let client = served.client();
+    let loaded = client.load(town(), Some("town"), &mut |_| {}).unwrap();
+    let before = client.field("town").unwrap();
+    let files = segment_files(&served);
+    assert_eq!(files.len(), before.table().tiles.len());
+    let used = || client.status().unwrap().field_bytes;
+    assert_eq!(used(), loaded.field_bytes);
+
+    // Whoever holds the older field keeps it.
+    let structure = client.structures("town").unwrap()[0].name.clone();
+    client.edit("town", &EditOrder::Raise { structure, by_m: 0.1 }).unwrap();
+    let newer = || client.field("town").ok().filter(|field| field.table().facts.revision == 2);
+    let after = wait_for("the new field", newer);
+    let numbers = |field: &FieldMap| field.table().tiles.iter().map(|tile| tile.number).collect::<BTreeSet<_>>();
+    let (old, new) = (numbers(&before), numbers(&after));
+    let common = old.intersection(&new).count();
+    assert!(common > new.len() / 2 && common < new.len(), "{common} of {} segments are shared", new.len());
+    let mapped = |field: &FieldMap, number: u64| {
+        let table = field.table();
+        let place = table.tiles.iter().position(|tile| tile.number == number).unwrap();
+        table.segments[place].memory().blocks().as_ptr()
+    };
+    assert!(old.intersection(&new).all(|&number| mapped(&before, number) == mapped(&after, number)), "mapped once");
+    assert_eq!(before.table().facts.revision, 1);
+
+    // The daemon's files are those of its current field, and only they count.
+    assert!(wait_for("the files of the older field to go", || (segment_files(&served).len() == new.len()).then_some(true)));
+    assert_eq!(used(), after.bytes());
+    assert!((0..before.table().viewpoints.len()).any(|j| before.table().row(j).samples().next().is_some()));
+    client.unload("town").unwrap();
+    assert!(wait_for("all files to go", || segment_files(&served).is_empty().then_some(true)));
+}
+
+/// A town of many tiles.
+fn town() -> SceneSource {
+    let scene = generate_block(&BlockSettings { seed: 5, extent_m: [600.0, 600.0], buildings: 60, ..Default::default() });
+    SceneSource::Bytes { file_name: "town.geojson".into(), bytes: write::to_geojson(&scene).into_bytes() }
+}
+
+fn segment_files(served: &Served) -> Vec<PathBuf> {
+    let files = served.domain.shared_memory_files().into_iter();
+    files.filter(|path| path.as_os_str().as_encoded_bytes().ends_with(overfly_wire::segment::SUFFIX.as_bytes())).collect()
 }
 
 #[test]

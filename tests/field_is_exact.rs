@@ -8,8 +8,9 @@ use geo::polygon;
 use nalgebra::{Point3, Vector3};
 use overfly::coverage::{DiskModel, SampleFrame};
 use overfly::scene::edit::Edit;
-use overfly::scene::{Scene, Shape, Structure, StructureId, Triangle};
-use overfly_table::FieldTable;
+use overfly::scene::{BlockSettings, Scene, Shape, Structure, StructureId, Triangle, generate_block};
+use overfly::settings::Settings;
+use overfly_table::{FieldTable, Segment};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
@@ -20,7 +21,7 @@ fn triangles(scene: &Scene) -> Vec<Triangle> {
 }
 
 fn bit(field: &FieldTable, viewpoint: usize, sample: usize) -> bool {
-    field.row(viewpoint)[sample / 64] >> (sample % 64) & 1 == 1
+    field.row(viewpoint).sees(sample)
 }
 
 #[test]
@@ -138,10 +139,10 @@ proptest! {
             }
         }
         let rebuilt = snapshot(&pristine.with_scene(forgotten(edited.scene()), edited.revision()));
-        prop_assert_eq!(latest.storage().blocks(), rebuilt.storage().blocks());
+        prop_assert!(latest.storage().is_same(&**rebuilt.storage()));
         // All edits at once.
         let at_once = snapshot_after(&edited, &snapshot(&pristine));
-        prop_assert_eq!(at_once.storage().blocks(), rebuilt.storage().blocks());
+        prop_assert!(at_once.storage().is_same(&**rebuilt.storage()));
         let plan = |snapshot| overfly::planner::plan(snapshot, &settings, &support::options(1, 40), &Default::default(), &mut |_| {});
         prop_assert_eq!(plan(&latest), plan(&rebuilt), "a cold replan is a cold plan of the edited scene");
     }
@@ -173,4 +174,68 @@ proptest! {
         };
         prop_assert_eq!(distant(&before.field()), distant(&after.field()));
     }
+}
+
+/// A town of blocks as densely built as a small one, so wide.
+fn town(width_m: f64) -> Scene {
+    let buildings = (9.0 * (width_m / 130.0).powi(2)).round() as u32;
+    generate_block(&BlockSettings { seed: 8, extent_m: [width_m; 2], buildings, ..Default::default() })
+}
+
+/// Settings under which a town of any width has as many samples and viewpoints for its area.
+fn town_settings(width_m: f64) -> Settings {
+    let mut settings = small_settings();
+    settings.surface.samples = (150.0 * (width_m / 130.0).powi(2)) as u32;
+    settings.surface.max_spacing_m = 1e3;
+    settings
+}
+
+#[test]
+fn after_an_edit_segments_out_of_its_reach_are_the_same_memory() {
+    let width_m = 520.0;
+    let settings = town_settings(width_m);
+    let mut session = session(town(width_m), &settings);
+    let mut latest = snapshot(&session);
+    let corner = |scene: &Scene| {
+        let key = |structure: &&Arc<Structure>| structure.bounds().min.coords.xy().sum();
+        scene.structures.iter().min_by(|a, b| key(a).total_cmp(&key(b))).expect("there are structures").id
+    };
+    // A structure that comes or goes moves the samples of all that follow it: their rows stay where they are all the same.
+    let raised = corner(&latest.scene);
+    for edit in [Edit::Raise { id: raised, by_m: 4.0 }, Edit::Remove { id: raised }] {
+        session.apply(&edit).expect("it can be made");
+        let next = snapshot_after(&session, &latest);
+        let tables = [latest.field(), next.field()];
+        let memory = |table: &FieldTable, tile: u32| Arc::clone(table.segments[tile as usize].memory());
+        let position = |table: &FieldTable, j: usize| Point3::from(table.viewpoints[j].position_m);
+        let far_m = settings.coverage.range_m + 160.0;
+        let edited = latest.scene.structure(raised).expect("it is there").bounds();
+        let mut far = 0;
+        for j in 0..tables[1].viewpoints.len() {
+            if edited.distance_squared(&position(&tables[1], j)) < far_m * far_m {
+                continue;
+            }
+            let before = (0..tables[0].viewpoints.len()).find(|&old| position(&tables[0], old) == position(&tables[1], j));
+            let before = tables[0].viewpoints[before.expect("it is far from the edit")].tile;
+            assert!(Arc::ptr_eq(&memory(&tables[0], before), &memory(&tables[1], tables[1].viewpoints[j].tile)), "viewpoint {j}");
+            far += 1;
+        }
+        assert!(far > 100, "{far} viewpoints far from the edit");
+        let held = |segment: &&Segment| tables[0].segments.iter().any(|old| Arc::ptr_eq(old.memory(), segment.memory()));
+        assert!(tables[1].segments.iter().filter(held).count() < tables[1].segments.len(), "the edit changes something");
+        latest = next;
+    }
+}
+
+#[test]
+fn a_field_grows_with_the_area_and_not_with_its_square() {
+    let per_area = |width_m: f64| {
+        let snapshot = snapshot(&session(town(width_m), &town_settings(width_m)));
+        let field = snapshot.field();
+        assert!(field.viewpoints.len() > 100);
+        field.bytes() as f64 / (width_m * width_m)
+    };
+    let [small, large] = [400.0, 1200.0].map(per_area);
+    // With a bit for each pair nine times the area would take up to nine times as much for each square metre. The edge of the smaller town sees less.
+    assert!(large < 1.5 * small, "{large} bytes a square metre instead of {small}");
 }

@@ -191,7 +191,7 @@ fn plan() -> Plan {
     let blocks = block::field(&block::city(2, 2));
     let Settings { flight, dynamics, .. } = Settings::default();
     let limits = Limits::new(&Rig::preset("panoramic").unwrap(), &flight, &dynamics);
-    Plan { limits: Some(limits), ..block::plan(&FieldTable::open(&blocks).unwrap()) }
+    Plan { limits: Some(limits), ..block::plan(&FieldTable::open(&blocks, &[]).unwrap()) }
 }
 
 fn parse(plan: &Plan) -> Value {

@@ -61,7 +61,7 @@ fn a_building_of_100_m_measures_100_m_by_the_scale_bar_in_both_views() {
 fn every_wall_and_roof_shows_the_share_of_a_plain_count() {
     let buildings = block::city(4, 5);
     let blocks = block::field(&buildings);
-    let field = FieldTable::open(&blocks).unwrap();
+    let field = FieldTable::open(&blocks, &[]).unwrap();
     let plan = block::plan(&field);
     let tallies = walls::tally(&field, &plan);
 
@@ -94,7 +94,7 @@ fn every_wall_and_roof_shows_the_share_of_a_plain_count() {
 fn walls_are_drawn_in_the_step_of_their_share() {
     let buildings = [block::box_building("cube", [0.0, 0.0], [20.0, 20.0], 20.0)];
     let blocks = block::field(&buildings);
-    let field = FieldTable::open(&blocks).unwrap();
+    let field = FieldTable::open(&blocks, &[]).unwrap();
     let mut plan = block::plan(&field);
     let faces_south = |index: usize| field.samples[index].normal == [0.0, -1.0, 0.0];
     plan.cells = (0..field.samples.len()).map(|index| if faces_south(index) { 90 } else { 0 }).collect();
@@ -113,7 +113,7 @@ fn walls_are_drawn_in_the_step_of_their_share() {
 #[test]
 fn a_camera_on_a_gimbal_has_wedges_in_its_view_directions_and_other_rigs_have_none() {
     let blocks = block::field(&block::city(3, 3));
-    let field = FieldTable::open(&blocks).unwrap();
+    let field = FieldTable::open(&blocks, &[]).unwrap();
     let mut plan = block::plan(&field);
     let views = |plan: &Plan| {
         let text = String::from_utf8(svg::to_bytes(&field, plan).unwrap()).unwrap();
@@ -160,7 +160,7 @@ fn minutes(time_s: f64) -> String {
 #[test]
 fn a_plan_of_another_revision_is_refused() {
     let blocks = block::field(&block::city(2, 2));
-    let field = FieldTable::open(&blocks).unwrap();
+    let field = FieldTable::open(&blocks, &[]).unwrap();
     let mut plan = block::plan(&field);
     plan.scene.revision = 2;
     let error = svg::to_bytes(&field, &plan).unwrap_err();
@@ -170,7 +170,7 @@ fn a_plan_of_another_revision_is_refused() {
 #[test]
 fn a_plan_that_stays_where_it_starts_can_be_drawn() {
     let blocks = block::field(&block::city(1, 1));
-    let field = FieldTable::open(&blocks).unwrap();
+    let field = FieldTable::open(&blocks, &[]).unwrap();
     let mut plan = block::plan(&field);
     plan.waypoints.truncate(1);
     plan.images.clear();
@@ -181,7 +181,7 @@ fn a_plan_that_stays_where_it_starts_can_be_drawn() {
 }
 
 fn draw(blocks: &[Block]) -> String {
-    let field = FieldTable::open(blocks).unwrap();
+    let field = FieldTable::open(blocks, &[]).unwrap();
     String::from_utf8(svg::to_bytes(&field, &block::plan(&field)).unwrap()).unwrap()
 }
 

@@ -296,7 +296,7 @@ fn a_plan_reads_back_as_it_was_written() {
 
 fn made_up_plan() -> Vec<u8> {
     let blocks = block::field(&block::city(1, 1));
-    plan_json::to_bytes(&block::plan(&FieldTable::open(&blocks).unwrap()))
+    plan_json::to_bytes(&block::plan(&FieldTable::open(&blocks, &[]).unwrap()))
 }
 
 proptest! {

@@ -95,7 +95,7 @@ fn first_shot(problem: &Problem, viewpoints: &[Point3<f64>], sample: usize) -> O
     let safe = on_normal.into_iter().filter(|position| problem.free.is_safe(position)).map(shot).find(sees);
     safe.or_else(|| {
         let nearest = proximity::nearest(viewpoints, &on_normal[0], STAND_INS).into_iter().map(|j| j as usize);
-        let is_seen = |j: &usize| problem.field.row(*j)[sample / 64] >> (sample % 64) & 1 == 1;
+        let is_seen = |j: &usize| problem.field.row(*j).sees(sample);
         nearest.filter(is_seen).map(|j| shot(viewpoints[j])).find(sees)
     })
 }

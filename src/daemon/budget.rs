@@ -20,7 +20,7 @@ pub struct Reservation {
 /// The budget does not allow another field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the field needs {asked_mb:.1} MB of shared memory, but fields take {used_mb:.1} MB already and the budget is {limit_mb:.1} MB (while a field is rebuilt the old one stays); unload a scene with `overfly unload NAME`, lower `field.viewpoints` or `surface.samples`, or raise `daemon.memory_budget_mb`",
+    "the field needs {asked_mb:.1} MB more of shared memory, but fields take {used_mb:.1} MB already and the budget is {limit_mb:.1} MB (with what is built of this one; while a field is rebuilt the old one stays); unload a scene with `overfly unload NAME`, lower `field.viewpoints` or `surface.samples`, or raise `daemon.memory_budget_mb`",
     asked_mb = megabytes(*asked), used_mb = megabytes(*used), limit_mb = megabytes(*limit)
 )]
 pub struct OverBudget {

@@ -1,4 +1,5 @@
-//! The service that publishes the field of one scene, and the field where it lies.
+//! The service that publishes the field of one scene, and the field where it lies: its table is a message, its segments are files in shared memory that
+//! the fields before and after an edit share.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -6,12 +7,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::ipc_threadsafe;
 use iceoryx2::sample_mut::SampleMut;
-use overfly_table::Block;
+use overfly_table::{Block, Segment, TableMemory};
 use overfly_wire::memory::{self, MemoryError};
+use overfly_wire::segment::SegmentFile;
 use overfly_wire::service::{
     self, BlockPublisher, BlockSample, BlockService, BlockSubscriber, FIELD_SAMPLES, IpcNode, Memory, ServiceError,
 };
-use overfly_wire::{Header, WireBlock};
+use overfly_wire::{Domain, Header, WireBlock};
 
 use super::budget::Reservation;
 use crate::session::FieldStorage;
@@ -36,6 +38,9 @@ pub enum FieldChannelError {
 #[derive(Debug)]
 pub struct FieldChannel {
     scene: String,
+    domain: Domain,
+    /// The daemon in the names of segments.
+    instance: u64,
     publishers: Mutex<Publishers>,
     own: BlockSubscriber,
     service: BlockService,
@@ -52,7 +57,23 @@ struct Publishers {
 
 type LentField = SampleMut<ipc_threadsafe::Service, [WireBlock], Header>;
 
-/// Shared memory that holds a finished field nobody has seen yet.
+/// A segment that was published, or will be; it counts against the budget for as long as any field has it.
+struct CountedSegment {
+    file: SegmentFile,
+    _reservation: Reservation,
+}
+
+impl TableMemory for CountedSegment {
+    fn blocks(&self) -> &[Block] {
+        self.file.blocks()
+    }
+
+    fn number(&self) -> u64 {
+        self.file.number()
+    }
+}
+
+/// Shared memory that holds a finished table nobody has seen yet.
 #[derive(Debug)]
 pub struct FilledField {
     sample: LentField,
@@ -64,6 +85,7 @@ pub struct FilledField {
 #[derive(Debug)]
 pub struct HeldField {
     blocks: Range<*const Block>,
+    segments: Vec<Segment>,
     _sample: Mutex<BlockSample>,
     _reservation: Reservation,
 }
@@ -80,31 +102,48 @@ impl FieldStorage for HeldField {
         // SAFETY: the range was taken from the sample's payload, which lives as long as `self`.
         unsafe { std::slice::from_raw_parts(self.blocks.start, count) }
     }
+
+    fn segments(&self) -> &[Segment] {
+        &self.segments
+    }
 }
 
 impl FieldChannel {
-    pub fn create(node: &IpcNode, scene: &str) -> Result<Arc<Self>, FieldChannelError> {
+    /// For the daemon `instance` that serves `domain` and has `node`.
+    pub fn create(node: &IpcNode, domain: &Domain, instance: u64, scene: &str) -> Result<Arc<Self>, FieldChannelError> {
         memory::check_room(0)?;
         let service = service::provide_field(node, scene)?;
         let own = service::subscriber(&service)?;
-        Ok(Arc::new(Self { scene: scene.into(), publishers: Mutex::default(), own, service }))
+        let domain = domain.clone();
+        Ok(Arc::new(Self { scene: scene.into(), domain, instance, publishers: Mutex::default(), own, service }))
     }
 
-    /// Lends `count` zeroed blocks, each of them backed by memory, and lets `build` fill them. May be called from a worker thread.
-    pub fn fill<E: From<FieldChannelError>>(
+    /// Makes a segment of `count` blocks, which `write` writes. May be called from any thread.
+    pub fn segment(
         &self,
         count: usize,
         reservation: Reservation,
-        build: impl FnOnce(&mut [Block]) -> Result<(), E>,
-    ) -> Result<FilledField, E> {
+        write: &dyn Fn(&mut [Block]),
+    ) -> Result<Arc<dyn TableMemory>, FieldChannelError> {
+        let file = SegmentFile::create(&self.domain, self.instance, count, write)?;
+        Ok(Arc::new(CountedSegment { file, _reservation: reservation }))
+    }
+
+    /// Lends `count` zeroed blocks for a field's table, each of them backed by memory, and lets `write` fill them. May be called from a worker thread.
+    pub fn fill(
+        &self,
+        count: usize,
+        reservation: Reservation,
+        write: impl FnOnce(&mut [Block]),
+    ) -> Result<FilledField, FieldChannelError> {
         let (publisher, mut sample) = self.loan(count)?;
-        build(WireBlock::blocks_mut(sample.payload_mut()))?;
+        write(WireBlock::blocks_mut(sample.payload_mut()));
         sample.user_header_mut().bulk_bytes = (count * Block::BYTES) as u64;
         Ok(FilledField { sample, publisher, reservation })
     }
 
-    /// Publishes a field under `header` and takes the daemon's own hold on it.
-    pub fn publish(&self, filled: FilledField, header: Header) -> Result<HeldField, FieldChannelError> {
+    /// Publishes a field with these segments under `header` and takes the daemon's own hold on it.
+    pub fn publish(&self, filled: FilledField, segments: &[Segment], header: Header) -> Result<HeldField, FieldChannelError> {
         let lost = |cause: String| FieldChannelError::Lost { scene: self.scene.clone(), cause };
         let FilledField { mut sample, publisher, reservation } = filled;
         let bulk_bytes = sample.user_header().bulk_bytes;
@@ -116,7 +155,8 @@ impl FieldChannel {
             let found = sample.user_header();
             if (found.instance, found.epoch) == (header.instance, header.epoch) {
                 let blocks = WireBlock::blocks(sample.payload()).as_ptr_range();
-                return Ok(HeldField { blocks, _sample: Mutex::new(sample), _reservation: reservation });
+                let segments = segments.to_vec();
+                return Ok(HeldField { blocks, segments, _sample: Mutex::new(sample), _reservation: reservation });
             }
         }
         Err(lost("nothing was received".into()))

@@ -19,7 +19,7 @@ use super::wake::Mail;
 use crate::planner::{self, Made, PlanError, PlanOptions, Progress, StopToken};
 use crate::scene::Scene;
 use crate::scene::anchor::Anchor;
-use crate::session::{FieldError, Session, Snapshot, Survey};
+use crate::session::{FieldError, Findings, Session, Snapshot};
 use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, RunTimes};
 use crate::trajectory::record::Record;
@@ -68,7 +68,7 @@ pub enum Failure {
 #[derive(Debug)]
 pub struct BuiltField {
     pub session: Session,
-    pub survey: Survey,
+    pub findings: Findings,
     pub filled: FilledField,
     pub field_s: f64,
 }
@@ -159,7 +159,7 @@ impl Workshop {
         let started = Instant::now();
         let stop = &assignment.stop;
         self.note(assignment, Stage::Survey);
-        let (session, mut survey) = match source {
+        let (session, survey) = match source {
             FieldSource::Scene(scene, settings) => {
                 let session = Session::new(*scene, settings, stop)?;
                 let survey = session.survey(stop)?;
@@ -170,14 +170,16 @@ impl Workshop {
                 (*session, survey)
             }
         };
-        let count = survey.blocks();
-        let reservation = self.budget.reserve((count * Block::BYTES) as u64)?;
         self.note(assignment, Stage::Field);
-        let filled = channel.fill(count, reservation, |blocks| survey.build(blocks, stop).map_err(Failure::from))?;
+        let reserve = |count: usize| self.budget.reserve((count * Block::BYTES) as u64);
+        let place = |count: usize, write: &dyn Fn(&mut [Block])| Ok(channel.segment(count, reserve(count)?, write)?);
+        let findings = survey.build::<Failure>(&place, stop)?;
+        let count = findings.blocks();
+        let filled = channel.fill(count, reserve(count)?, |blocks| findings.write(blocks))?;
         if stop.is_stopped() {
             return Err(Failure::Stopped);
         }
-        Ok(BuiltField { session, survey, filled, field_s: started.elapsed().as_secs_f64() })
+        Ok(BuiltField { session, findings, filled, field_s: started.elapsed().as_secs_f64() })
     }
 
     fn plan_flight(&self, assignment: &Assignment, mut flight: Flight) -> Result<PlannedFlight, Failure> {

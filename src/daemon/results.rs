@@ -99,7 +99,7 @@ impl Daemon {
             }
             Some(_) => {}
             None => {
-                let channel = FieldChannel::create(&ports.node, &name);
+                let channel = FieldChannel::create(&ports.node, &self.domain, self.instance, &name);
                 let channel = channel.map_err(|error| Refusal::new(RefusalCode::Memory, error.to_string()))?;
                 self.scenes.insert(name.clone(), Slot::new(channel));
             }
@@ -231,15 +231,14 @@ impl Daemon {
         request: JobId,
         anchor: Option<Anchor>,
     ) -> Result<Current, Failure> {
-        let BuiltField { session, survey, filled, .. } = built;
+        let BuiltField { session, findings, filled, .. } = built;
         let epoch = self.next_epoch();
         let header = Header { instance: self.instance, epoch, ..Header::new(Kind::Field) };
         let gone = || Failure::Refused(Refusal::new(RefusalCode::UnknownScene, format!("the scene {scene:?} was unloaded")));
         let slot = self.scenes.get(scene).ok_or_else(gone)?;
-        let held = Arc::new(slot.channel.publish(filled, header)?);
-        let field_bytes = std::mem::size_of_val(crate::session::FieldStorage::blocks(&*held)) as u64;
-        let snapshot = survey.snapshot(held)?;
-        let figures = FieldFigures::of(&snapshot.field());
+        let held = Arc::new(slot.channel.publish(filled, findings.segments(), header)?);
+        let snapshot = findings.snapshot(held)?;
+        let (field_bytes, figures) = (snapshot.field().bytes(), FieldFigures::of(&snapshot.field()));
         Ok(Current { session, request, anchor, snapshot, epoch, field_bytes, figures })
     }
 

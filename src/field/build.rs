@@ -1,20 +1,19 @@
-//! Building the field in place (Algorithm 1).
+//! Writing the field's table.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use geo::Coord;
-use nalgebra::Point3;
-use overfly_table::field::{FieldCounts, FieldFacts, RingRow, SampleRow, StructureRow, ViewpointRow};
+use overfly_table::field::{FieldCounts, FieldFacts, RingRow, SampleRow, StructureRow, TileRow, ViewpointRow};
 use overfly_table::{Block, FieldTableMut};
 use rayon::prelude::*;
 
+use super::rows::Visibility;
+use super::tiles::Tile;
 use super::viewpoints::Viewpoint;
-use crate::coverage::{DiskModel, Mask, SampleFrame};
+use crate::coverage::DiskModel;
 use crate::scene::clearance::Clearance;
 use crate::scene::differences::Differences;
-use crate::scene::{Bounds, Scene, Structure};
-use crate::stop::StopToken;
+use crate::scene::{Scene, Structure};
 use crate::surface::Samples;
 
 /// What the field of one revision is built from.
@@ -30,6 +29,16 @@ pub struct FieldInputs<'a> {
     /// How far in front of a sample a line of sight ends, m, so that it does not end in the sample's own surface.
     pub offset_m: f64,
 }
+
+impl FieldInputs<'_> {
+    /// How far a viewpoint may be from the end of a line of sight, m; a little more, so that rounding cuts off nothing at the very end of the range.
+    pub fn reach_m(&self) -> f64 {
+        self.disks.range_m() + self.offset_m + SLACK_M
+    }
+}
+
+/// Distances are taken for so much larger, m, that rounding decides nothing.
+pub const SLACK_M: f64 = 1e-3;
 
 /// The rings of every structure seen from above, without the repeated last corner.
 #[derive(Debug)]
@@ -56,12 +65,14 @@ impl Outlines {
     }
 }
 
-/// The size of the field's table.
+/// The size of the field's table, without tiles and patches.
 pub fn counts(scene: &Scene, outlines: &Outlines, samples: usize, viewpoints: usize) -> FieldCounts {
     let rings = || outlines.0.iter().flat_map(|rings| rings.iter());
     FieldCounts {
         samples,
         viewpoints,
+        tiles: 0,
+        patches: 0,
         structures: scene.structures.len(),
         rings: rings().count(),
         points: rings().map(Vec::len).sum(),
@@ -69,14 +80,8 @@ pub fn counts(scene: &Scene, outlines: &Outlines, samples: usize, viewpoints: us
     }
 }
 
-/// Fills `blocks` in parallel over viewpoints: what is seen from where by `visibility`, which is given the empty rows and the words of each and
-/// returns what all viewpoints together cover of each sample. `None` when stopped; the blocks then hold nothing of use.
-pub fn fill_table(
-    inputs: &FieldInputs,
-    counts: &FieldCounts,
-    blocks: &mut [Block],
-    visibility: impl FnOnce(&mut [u64], usize) -> Option<Vec<Mask>>,
-) -> Option<Vec<Mask>> {
+/// Writes the field's table into `blocks`, which are zero and as many as `counts` says; the segments are written already.
+pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], visibility: &Visibility, blocks: &mut [Block]) {
     let mut table = FieldTableMut::create(blocks, counts, inputs.facts);
     write_structures(inputs, &mut table);
     for (row, sample) in table.samples.iter_mut().zip(&inputs.samples.samples) {
@@ -88,91 +93,26 @@ pub fn fill_table(
             exposed: u32::from(sample.exposed),
         };
     }
-    for (row, viewpoint) in table.viewpoints.iter_mut().zip(inputs.viewpoints) {
-        *row = ViewpointRow { position_m: viewpoint.position.coords.into(), clearance_m: viewpoint.clearance_m };
+    for (cells, union) in table.ceilings.iter_mut().zip(&visibility.unions) {
+        *cells = union.count_ones() as u16;
     }
-    let unions = visibility(table.visibility, table.words_per_row)?;
-    for (cells, mask) in table.ceilings.iter_mut().zip(&unions) {
-        *cells = mask.count_ones() as u16;
-    }
-    Some(unions)
-}
-
-/// Algorithm 1: for each viewpoint c_j, for each sample s_i, whether s_i is visible to c_j. Returns the union of all disks of each
-/// sample, which no path can exceed.
-pub fn build_visibility(
-    inputs: &FieldInputs,
-    visibility: &mut [u64],
-    words_per_row: usize,
-    stop: &StopToken,
-) -> Option<Vec<Mask>> {
-    let (targets, groups) = (Targets::new(inputs), Group::all(inputs));
-    let rows = visibility.par_chunks_mut(words_per_row.max(1)).zip(inputs.viewpoints);
-    let nothing = || vec![0 as Mask; inputs.samples.samples.len()];
-    rows.try_fold(nothing, |mut union, (row, viewpoint)| {
-        if stop.is_stopped() {
-            return None;
-        }
-        for i in targets.seen_from(inputs, &groups, &viewpoint.position) {
-            row[i / 64] |= 1 << (i % 64);
-            union[i] |= inputs.disks.mask(&targets.frames[i], &viewpoint.position);
-        }
-        Some(union)
-    })
-    .try_reduce(nothing, |mut union, other| {
-        union.iter_mut().zip(other).for_each(|(mask, other)| *mask |= other);
-        Some(union)
-    })
-}
-
-/// The samples of one structure with the box around them and the ends of their lines of sight.
-pub struct Group {
-    pub samples: Range<usize>,
-    pub bounds: Bounds,
-}
-
-impl Group {
-    pub fn all(inputs: &FieldInputs) -> Vec<Self> {
-        let group = |index: usize| {
-            let samples = inputs.samples.range(index);
-            let bounds = Bounds::of_points(inputs.samples.samples[samples.clone()].iter().map(|sample| sample.position))?;
-            Some(Self { samples, bounds: bounds.grown(inputs.offset_m) })
+    let mut first_patch = 0;
+    for (number, (tile, segment)) in tiles.iter().zip(&visibility.segments).enumerate() {
+        let patches = &visibility.patches[number];
+        table.patches[first_patch..][..patches.len()].copy_from_slice(patches);
+        table.tiles[number] = TileRow {
+            number: segment.memory().number(),
+            first_patch: first_patch as u32,
+            patches: patches.len() as u32,
+            rows: tile.viewpoints.len() as u32,
+            reserved: 0,
         };
-        (0..inputs.scene.structures.len()).filter_map(group).collect()
-    }
-}
-
-/// The samples as targets of lines of sight.
-pub struct Targets {
-    pub frames: Vec<SampleFrame>,
-    pub ends: Vec<Point3<f64>>,
-}
-
-impl Targets {
-    pub fn new(inputs: &FieldInputs) -> Self {
-        let samples = &inputs.samples.samples;
-        let frames: Vec<_> = samples.iter().map(|sample| SampleFrame::new(sample.position, sample.normal)).collect();
-        let ends = samples.iter().map(|sample| sample.position + sample.normal * inputs.offset_m).collect();
-        Self { frames, ends }
-    }
-
-    /// The samples that can be seen from a place, in ascending order.
-    pub fn seen_from<'a>(
-        &'a self,
-        inputs: &'a FieldInputs,
-        groups: &'a [Group],
-        view: &'a Point3<f64>,
-    ) -> impl Iterator<Item = usize> + 'a {
-        // Rounding must not cut off a sample at the very end of the range.
-        let range_m = inputs.disks.range_m() * (1.0 + 1e-9);
-        let in_range = move |group: &&Group| group.bounds.distance_squared(view) <= range_m * range_m;
-        groups.iter().filter(in_range).flat_map(|group| group.samples.clone()).filter(move |&i| self.is_seen(inputs, i, view))
-    }
-
-    pub fn is_seen(&self, inputs: &FieldInputs, i: usize, view: &Point3<f64>) -> bool {
-        inputs.samples.samples[i].exposed
-            && inputs.disks.faces(&self.frames[i], view)
-            && !inputs.clearance.occluded(view, &self.ends[i])
+        first_patch += patches.len();
+        for (row, &j) in (0..).zip(&tile.viewpoints) {
+            let Viewpoint { position, clearance_m } = inputs.viewpoints[j as usize];
+            table.viewpoints[j as usize] =
+                ViewpointRow { position_m: position.coords.into(), clearance_m, tile: number as u32, row };
+        }
     }
 }
 

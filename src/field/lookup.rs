@@ -48,7 +48,7 @@ mod tests {
         fn without_obstacles_the_answer_is_the_brute_force_nearest(
             points in proptest::collection::vec([-50.0..50.0f64, -50.0..50.0, 0.0..50.0], 1..200), query in [-60.0..60.0f64, -60.0..60.0, 0.0..60.0],
         ) {
-            let rows: Vec<_> = points.iter().map(|&position_m| ViewpointRow { position_m, clearance_m: 9.0 }).collect();
+            let rows: Vec<_> = points.iter().map(|&position_m| ViewpointRow { position_m, clearance_m: 9.0, ..Default::default() }).collect();
             let query = Point3::from(query);
             let found = Lookup::new(&rows).expect("there are points").nearest_in_sight(&query, &Clearance::of_triangles(vec![]));
             let distance = |j: usize| (Point3::from(points[j]) - query).norm_squared();
@@ -60,7 +60,11 @@ mod tests {
     #[test]
     fn a_viewpoint_behind_a_wall_does_not_answer() {
         let wall = [Point3::new(1.0, -90.0, -9.0), Point3::new(1.0, 90.0, -9.0), Point3::new(1.0, 0.0, 90.0)];
-        let rows = [[2.0, 0.0, 0.0], [-9.0, 0.0, 0.0]].map(|position_m| ViewpointRow { position_m, clearance_m: 1.0 });
+        let rows = [[2.0, 0.0, 0.0], [-9.0, 0.0, 0.0]].map(|position_m| ViewpointRow {
+            position_m,
+            clearance_m: 1.0,
+            ..Default::default()
+        });
         let lookup = Lookup::new(&rows).expect("there are points");
         assert_eq!(lookup.nearest_in_sight(&Point3::origin(), &Clearance::of_triangles(vec![wall])), Some(1));
     }

@@ -4,11 +4,13 @@ use std::fmt;
 use std::sync::Arc;
 
 use overfly_table::field::{FieldCounts, FieldFacts};
-use overfly_table::{Block, FieldTable, LayoutError};
+use overfly_table::{Block, FieldTable, LayoutError, Segment, TableMemory};
 
-use super::build::{FieldInputs, Outlines, build_visibility, fill_table};
+use super::build::{FieldInputs, Outlines, write_table};
 use super::lookup::Lookup;
-use super::update::{Earlier, Seen, update_visibility};
+use super::rows::{Place, Seen, Visibility, build_rows};
+use super::tiles::{Tile, tiles};
+use super::update::{Earlier, update_rows};
 use super::viewpoints::{Cell, Site, Viewpoint};
 use crate::coverage::{DiskModel, Mask};
 use crate::scene::Scene;
@@ -56,10 +58,6 @@ pub struct Survey {
     pub(crate) offset_m: f64,
     /// The field that this one follows from, and how their scenes differ.
     pub(crate) earlier: Option<(Snapshot, Differences)>,
-    /// What all viewpoints together cover of each sample, once it is built.
-    pub(crate) unions: Vec<Mask>,
-    /// How its samples compare with those of the field before, once it is built.
-    pub(crate) seen: Option<Seen>,
 }
 
 impl fmt::Debug for Survey {
@@ -74,23 +72,50 @@ pub struct Footing {
     pub(crate) samples: Samples,
     pub(crate) sites: Vec<Site>,
     cells: Vec<Cell>,
+    tiles: Vec<Tile>,
     unions: Vec<Mask>,
 }
 
-impl Survey {
-    /// Size of the field's table in blocks.
-    pub fn blocks(&self) -> usize {
-        self.counts.blocks()
-    }
+/// A survey with its visibility: everything that the field's tables hold.
+pub struct Findings {
+    survey: Survey,
+    tiles: Vec<Tile>,
+    visibility: Visibility,
+}
 
+impl Survey {
+    /// The size of the field's table, but for tiles and patches.
     pub fn counts(&self) -> &FieldCounts {
         &self.counts
     }
 
-    /// Builds the field in place (Algorithm 1), in parallel over viewpoints; where there is an earlier one, only what differs from it. `blocks` is
-    /// exactly [`Survey::blocks`] long; what it held is overwritten. When stopped the blocks hold nothing of use.
-    pub fn build(&mut self, blocks: &mut [Block], stop: &StopToken) -> Result<(), FieldError> {
-        let inputs = FieldInputs {
+    /// Builds the visibility rows (Algorithm 1), in parallel over tiles; where there is an earlier field, only what differs from it. `place` gives memory
+    /// for the segments; what is as before keeps the earlier field's.
+    pub fn build<E: From<FieldError> + Send>(self, place: &Place<E>, stop: &StopToken) -> Result<Findings, E> {
+        let tiles = tiles(&self.cells, &self.viewpoints, self.facts.lattice_spacing_m);
+        let inputs = self.inputs();
+        let visibility = match &self.earlier {
+            None => build_rows(&inputs, &tiles, place, stop),
+            Some((snapshot, differences)) => {
+                let Footing { samples, tiles: before, cells, unions, .. } = &*snapshot.footing;
+                let earlier = Earlier { field: snapshot.field(), tiles: before, cells, samples, unions };
+                update_rows(&inputs, &self.cells, &tiles, differences, &earlier, place, stop)
+            }
+        }?;
+        Ok(Findings { survey: self, tiles, visibility })
+    }
+
+    /// Builds the field in memory of its own.
+    pub fn into_snapshot(self, stop: &StopToken) -> Result<Snapshot, FieldError> {
+        let findings = self.build::<FieldError>(&on_heap, stop)?;
+        let mut blocks = vec![Block::ZERO; findings.blocks()];
+        findings.write(&mut blocks);
+        let segments = findings.segments().to_vec();
+        findings.snapshot(Arc::new(HeapField { blocks, segments }))
+    }
+
+    fn inputs(&self) -> FieldInputs<'_> {
+        FieldInputs {
             scene: &self.scene,
             outlines: &self.outlines,
             clearance: &self.free.clearance,
@@ -99,69 +124,104 @@ impl Survey {
             disks: &self.disks,
             facts: self.facts,
             offset_m: self.offset_m,
-        };
-        let mut seen = None;
-        let visibility = |rows: &mut [u64], words_per_row: usize| match &self.earlier {
-            None => build_visibility(&inputs, rows, words_per_row, stop),
-            Some((snapshot, differences)) => {
-                let Footing { samples, cells, unions, .. } = &*snapshot.footing;
-                let earlier = Earlier { field: snapshot.field(), cells, samples, unions };
-                let updated = update_visibility(&inputs, &self.cells, differences, &earlier, rows, words_per_row, stop);
-                updated.map(|(unions, samples)| {
-                    seen = Some(samples);
-                    unions
-                })
-            }
-        };
-        self.unions = fill_table(&inputs, &self.counts, blocks, visibility).ok_or(FieldError::Stopped)?;
-        self.seen = seen;
-        Ok(())
+        }
+    }
+}
+
+/// Memory of this process alone.
+fn on_heap(count: usize, write: &dyn Fn(&mut [Block])) -> Result<Arc<dyn TableMemory>, FieldError> {
+    let mut blocks = vec![Block::ZERO; count];
+    write(&mut blocks);
+    Ok(Arc::new(blocks))
+}
+
+impl fmt::Debug for Findings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Findings of revision {} ({:?})", self.survey.revision, self.counts())
+    }
+}
+
+impl Findings {
+    /// The segments with the visibility rows.
+    pub fn segments(&self) -> &[Segment] {
+        &self.visibility.segments
     }
 
-    /// The snapshot over a table that [`Survey::build`] has filled.
+    /// Size of the field's table in blocks, without the segments.
+    pub fn blocks(&self) -> usize {
+        self.counts().blocks()
+    }
+
+    /// Writes the field's table into `blocks`, which are zero and exactly [`Findings::blocks`] long.
+    pub fn write(&self, blocks: &mut [Block]) {
+        write_table(&self.survey.inputs(), &self.counts(), &self.tiles, &self.visibility, blocks);
+    }
+
+    /// The snapshot over the segments and a table that [`Findings::write`] has written.
     pub fn snapshot(self, field: Arc<dyn FieldStorage>) -> Result<Snapshot, FieldError> {
-        let table = FieldTable::open(field.blocks())?;
-        let same = self.earlier.as_ref().filter(|(earlier, _)| earlier.footing.cells == self.cells);
+        let Self { survey, tiles, visibility: Visibility { unions, seen, .. } } = self;
+        let table = FieldTable::open(field.blocks(), field.segments())?;
+        let same = survey.earlier.as_ref().filter(|(earlier, _)| earlier.footing.cells == survey.cells);
         let lookup = match same {
             Some((earlier, _)) => Arc::clone(&earlier.lookup),
             None => {
                 let lookup = Lookup::new(table.viewpoints);
-                Arc::new(lookup.ok_or_else(|| FieldError::NoSurface { scene: self.scene.name.clone() })?)
+                Arc::new(lookup.ok_or_else(|| FieldError::NoSurface { scene: survey.scene.name.clone() })?)
             }
         };
-        let Self { outlines, samples, sites, cells, unions, .. } = self;
-        let changes = self.earlier.zip(self.seen).map(|((earlier, differences), Seen { same, is_touched })| {
+        let Survey { outlines, samples, sites, cells, earlier, .. } = survey;
+        let changes = earlier.zip(seen).map(|((earlier, differences), Seen { same, is_touched })| {
             Arc::new(Changes { since: earlier.revision, differences, same, is_touched })
         });
         Ok(Snapshot {
-            scene: self.scene,
-            revision: self.revision,
-            free: self.free,
-            disks: self.disks,
+            scene: survey.scene,
+            revision: survey.revision,
+            free: survey.free,
+            disks: survey.disks,
             lookup,
-            offset_m: self.offset_m,
-            footing: Arc::new(Footing { outlines, samples, sites, cells, unions }),
+            offset_m: survey.offset_m,
+            footing: Arc::new(Footing { outlines, samples, sites, cells, tiles, unions }),
             changes,
             field,
         })
     }
 
-    /// Builds the field in memory of its own.
-    pub fn into_snapshot(mut self, stop: &StopToken) -> Result<Snapshot, FieldError> {
-        let mut blocks = vec![Block::ZERO; self.blocks()];
-        self.build(&mut blocks, stop)?;
-        self.snapshot(Arc::new(blocks))
+    fn counts(&self) -> FieldCounts {
+        let patches = self.visibility.patches.iter().map(Vec::len).sum();
+        FieldCounts { tiles: self.tiles.len(), patches, ..self.survey.counts }
     }
 }
 
-/// Memory that holds a finished field: a vector in process, a received sample in the daemon.
+/// Memory that holds a finished field: vectors in process, a received sample and mapped segments in the daemon.
 pub trait FieldStorage: Send + Sync {
+    /// The field's table.
     fn blocks(&self) -> &[Block];
+
+    /// Its segments, one for each tile.
+    fn segments(&self) -> &[Segment];
+
+    /// Whether both hold the same bytes.
+    fn is_same(&self, other: &dyn FieldStorage) -> bool {
+        let segments = || self.segments().iter().zip(other.segments());
+        self.blocks() == other.blocks()
+            && self.segments().len() == other.segments().len()
+            && segments().all(|(a, b)| a.memory().blocks() == b.memory().blocks())
+    }
 }
 
-impl FieldStorage for Vec<Block> {
+/// A field in the memory of one process.
+pub struct HeapField {
+    pub blocks: Vec<Block>,
+    pub segments: Vec<Segment>,
+}
+
+impl FieldStorage for HeapField {
     fn blocks(&self) -> &[Block] {
-        self
+        &self.blocks
+    }
+
+    fn segments(&self) -> &[Segment] {
+        &self.segments
     }
 }
 
@@ -194,7 +254,8 @@ pub struct Changes {
 
 impl Snapshot {
     pub fn field(&self) -> FieldTable<'_> {
-        FieldTable::open(self.field.blocks()).expect("the table was opened when the snapshot was made and nobody writes to it")
+        let table = FieldTable::open(self.field.blocks(), self.field.segments());
+        table.expect("the table was opened when the snapshot was made and nobody writes to it")
     }
 
     /// How it differs from the field that it followed from; `None` for one that was built anew.

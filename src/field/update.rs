@@ -1,16 +1,21 @@
-//! The visibility of a field after an edit, from the field before: only pairs of viewpoints and samples that the edit can have changed are looked at.
+//! The visibility of a field after an edit, from the field before: only tiles that the edit can have changed are looked at, and in them only pairs of
+//! viewpoints and samples that it can have changed. The other tiles keep their segments.
 //!
 //! A pair whose viewpoint and sample are as before can change only when its line of sight leads through a box in which something stood
 //! or stands now: one that was free by what has come, one that was blocked by what has gone. What results equals a field that is built anew,
 //! bit for bit (`tests/field_is_exact.rs`).
 
-use std::ops::Range;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use nalgebra::Point3;
-use overfly_table::FieldTable;
+use overfly_table::rows::{PATCH, SeenRow};
+use overfly_table::{FieldTable, Segment, SegmentRows};
 use rayon::prelude::*;
 
-use super::build::{FieldInputs, Group, Targets};
+use super::build::{FieldInputs, SLACK_M};
+use super::rows::{Group, Place, Seen, Targets, Visibility, write};
+use super::survey::FieldError;
+use super::tiles::{Reach, RowBits, Tile, merge};
 use super::viewpoints::Cell;
 use crate::coverage::Mask;
 use crate::scene::Bounds;
@@ -21,6 +26,7 @@ use crate::surface::Samples;
 /// What an update goes out from: the field before with what it was built of.
 pub struct Earlier<'a> {
     pub field: FieldTable<'a>,
+    pub tiles: &'a [Tile],
     /// The cells of its viewpoints.
     pub cells: &'a [Cell],
     pub samples: &'a Samples,
@@ -28,273 +34,347 @@ pub struct Earlier<'a> {
     pub unions: &'a [Mask],
 }
 
-/// The samples of a field beside those of the one before.
-pub struct Seen {
-    pub same: Vec<Option<u32>>,
-    pub is_touched: Vec<bool>,
-}
-
-/// Samples that are those of the earlier field, a run of them at other places.
-struct Run {
-    before: usize,
-    now: Range<usize>,
-}
-
-/// Boxes are taken for so much larger, m, that rounding decides nothing.
-const SLACK_M: f64 = 1e-3;
-
-/// Rows that a worker takes at once, at least: each of them needs room for what it finds.
-const LEAST_ROWS: usize = 256;
-
-/// What one worker finds in its rows, by sample: cells that came, and cells of disks that are seen no more.
-#[derive(Clone)]
+/// By sample: cells that came, cells of disks that are seen no more, and whether a viewpoint sees it that did not before or the other way round.
 struct Found {
     gained: Vec<Mask>,
     lost: Vec<Mask>,
-    /// Whether a viewpoint sees the sample that did not before, or the other way round.
     is_touched: Vec<bool>,
-}
-
-impl Found {
-    fn nothing(samples: usize) -> Self {
-        Self { gained: vec![0; samples], lost: vec![0; samples], is_touched: vec![false; samples] }
-    }
-
-    fn join(mut self, other: Self) -> Self {
-        let or = |all: &mut [Mask], more: Vec<Mask>| all.iter_mut().zip(more).for_each(|(mask, more)| *mask |= more);
-        or(&mut self.gained, other.gained);
-        or(&mut self.lost, other.lost);
-        self.is_touched.iter_mut().zip(other.is_touched).for_each(|(is_touched, other)| *is_touched |= other);
-        self
-    }
 }
 
 struct Update<'a> {
     inputs: &'a FieldInputs<'a>,
+    cells: &'a [Cell],
     earlier: &'a Earlier<'a>,
     targets: Targets,
     groups: Vec<Group>,
-    /// The groups in which some samples are not as before, all groups, and whether a group is one of the former.
-    renewed: Vec<usize>,
-    all: Vec<usize>,
-    is_renewed: Vec<bool>,
-    runs: Vec<Run>,
+    /// Boxes of structures some of whose samples are not as before.
+    renewed: Vec<Bounds>,
+    /// By earlier sample: its place now; `NOWHERE` where its structure is no more.
+    now: Vec<u32>,
     /// By sample: whether it is as before.
     is_kept: Vec<bool>,
     gone: Vec<Bounds>,
     come: Vec<Bounds>,
+    found: Mutex<Found>,
 }
 
-/// Fills the rows of `visibility`, which are all zero. Returns what all viewpoints together cover of each sample, and how the field
-/// differs from the one before; `None` when stopped.
-pub fn update_visibility(
+const NOWHERE: u32 = u32::MAX;
+
+/// A patch of an earlier segment: its patch in the reach, and which of its samples are as before.
+#[derive(Clone, Copy)]
+struct Moved {
+    patch: usize,
+    kept: u32,
+}
+
+/// An earlier viewpoint with what was seen from it.
+struct Before<'a> {
+    cell: Cell,
+    view: Point3<f64>,
+    seen: &'a [SeenRow],
+}
+
+/// A tile that is updated: what it may see, and what is found.
+struct Work<'a> {
+    reach: Reach<'a>,
+    gained: Vec<Mask>,
+    lost: Vec<Mask>,
+    is_touched: Vec<bool>,
+    /// Boxes within reach in which something stood, and stands now.
+    gone: Vec<Bounds>,
+    come: Vec<Bounds>,
+    /// The groups of the reach some of whose samples are not as before, and all.
+    renewed: Vec<usize>,
+    all: Vec<usize>,
+    /// By patch of the earlier segment.
+    moved: Vec<Moved>,
+}
+
+/// The visibility of the viewpoints in `cells`, in `tiles`, of a scene that differs from the earlier one.
+pub fn update_rows<E: From<FieldError> + Send>(
     inputs: &FieldInputs,
     cells: &[Cell],
+    tiles: &[Tile],
     differences: &Differences,
     earlier: &Earlier,
-    visibility: &mut [u64],
-    words_per_row: usize,
+    place: &Place<E>,
     stop: &StopToken,
-) -> Option<(Vec<Mask>, Seen)> {
-    let update = Update::new(inputs, differences, earlier);
-    let before = matches(cells, earlier.cells);
-    let count = inputs.samples.samples.len();
-    let rows = visibility.par_chunks_mut(words_per_row.max(1)).enumerate().with_min_len(LEAST_ROWS);
-    let found = rows
-        .try_fold(
-            || Found::nothing(count),
-            |mut found, (j, row)| {
-                if stop.is_stopped() {
-                    return None;
-                }
-                update.fill_row(j, before[j], row, &mut found);
-                Some(found)
-            },
-        )
-        .try_reduce(|| Found::nothing(count), |a, b| Some(a.join(b)))?;
-
-    let mut remains = vec![false; earlier.cells.len()];
-    before.iter().flatten().for_each(|&old| remains[old] = true);
-    let dropped = (0..earlier.cells.len()).into_par_iter().with_min_len(LEAST_ROWS).filter(|&old| !remains[old]);
-    let dropped = dropped.fold(
-        || Found::nothing(count),
-        |mut found, old| {
-            update.drop_row(old, &mut found);
-            found
-        },
-    );
-    let Found { gained, lost, is_touched } = found.join(dropped.reduce(|| Found::nothing(count), Found::join));
-
-    let mut unions = vec![0; count];
-    for Run { before, now } in &update.runs {
-        unions[now.clone()].copy_from_slice(&earlier.unions[*before..before + now.len()]);
-    }
-    let rows: &[u64] = visibility;
-    unions.par_iter_mut().enumerate().for_each(|(i, union)| {
-        let in_doubt = lost[i] & !gained[i];
-        let mut missing = in_doubt;
-        for (j, viewpoint) in inputs.viewpoints.iter().enumerate() {
-            if missing == 0 {
-                break;
-            }
-            if rows[j * words_per_row + i / 64] >> (i % 64) & 1 == 1 {
-                missing &= !inputs.disks.mask(&update.targets.frames[i], &viewpoint.position);
-            }
-        }
-        *union = (*union & !missing) | gained[i];
-    });
-    let mut same = vec![None; count];
-    for Run { before, now } in &update.runs {
-        now.clone().for_each(|i| same[i] = Some((before + (i - now.start)) as u32));
-    }
-    Some((unions, Seen { same, is_touched }))
-}
-
-/// For each of the cells its place among the earlier ones; both are in order.
-fn matches(cells: &[Cell], earlier: &[Cell]) -> Vec<Option<usize>> {
-    let mut old = 0;
-    let place = |cell: &Cell| {
-        while old < earlier.len() && earlier[old] < *cell {
-            old += 1;
-        }
-        (earlier.get(old) == Some(cell)).then_some(old)
+) -> Result<Visibility, E> {
+    let update = Update::new(inputs, cells, differences, earlier);
+    let earlier_of = |tile: &Tile| earlier.tiles.binary_search_by_key(&tile.key, |old| old.key).ok();
+    let of_tile = |tile: &Tile| match (stop.is_stopped(), earlier_of(tile)) {
+        (true, _) => Err(FieldError::Stopped.into()),
+        (false, Some(old)) if update.is_as_before(tile, old) => Ok(update.kept_tile(old)),
+        (false, old) => update.tile(tile, old, place, stop),
     };
-    cells.iter().map(place).collect()
+    let rows: Result<Vec<_>, E> = tiles.par_iter().with_max_len(1).map(of_tile).collect();
+    let is_vanished = |old: &usize| tiles.binary_search_by_key(&earlier.tiles[*old].key, |tile| tile.key).is_err();
+    (0..earlier.tiles.len()).filter(is_vanished).for_each(|old| update.drop_tile(old));
+    let (segments, patches): (Vec<Segment>, Vec<Vec<u32>>) = rows?.into_iter().unzip();
+    let unions = update.unions(tiles, &segments, &patches);
+    let seen = update.seen();
+    Ok(Visibility { segments, patches, unions, seen: Some(seen) })
 }
 
 impl<'a> Update<'a> {
-    fn new(inputs: &'a FieldInputs<'a>, differences: &Differences, earlier: &'a Earlier<'a>) -> Self {
+    fn new(inputs: &'a FieldInputs<'a>, cells: &'a [Cell], differences: &Differences, earlier: &'a Earlier<'a>) -> Self {
         let samples = &inputs.samples.samples;
-        let (mut runs, mut is_kept): (Vec<Run>, _) = (Vec::new(), vec![false; samples.len()]);
+        let (mut now_of, mut is_kept) = (vec![NOWHERE; earlier.samples.samples.len()], vec![false; samples.len()]);
         for (structure, old) in differences.kept.iter().enumerate() {
             let Some(old) = *old else { continue };
             for (now, before) in inputs.samples.range(structure).zip(earlier.samples.range(old)) {
+                now_of[before] = now as u32;
                 // One that was buried and is not any more is as good as new, and the other way round.
-                if samples[now].exposed != earlier.samples.samples[before].exposed {
-                    continue;
-                }
-                is_kept[now] = true;
-                match runs.last_mut() {
-                    Some(run) if run.now.end == now && run.before + run.now.len() == before => run.now.end += 1,
-                    _ => runs.push(Run { before, now: now..now + 1 }),
-                }
+                is_kept[now] = samples[now].exposed == earlier.samples.samples[before].exposed;
             }
         }
         let grown = |boxes: &[Bounds]| boxes.iter().map(|bounds| bounds.grown(SLACK_M)).collect();
-        let (gone, come) = (grown(&differences.gone), grown(&differences.come));
         let groups = Group::all(inputs);
-        let is_renewed: Vec<bool> =
-            groups.iter().map(|group| !is_kept[group.samples.clone()].iter().all(|is_kept| *is_kept)).collect();
-        let renewed = (0..groups.len()).filter(|&group| is_renewed[group]).collect();
-        let all = (0..groups.len()).collect();
-        Self { inputs, earlier, targets: Targets::new(inputs), groups, renewed, all, is_renewed, runs, is_kept, gone, come }
+        let is_renewed = |group: &&Group| !is_kept[group.samples.clone()].iter().all(|is_kept| *is_kept);
+        let nothing = || vec![0; samples.len()];
+        Self {
+            inputs,
+            cells,
+            earlier,
+            targets: Targets::new(inputs),
+            renewed: groups.iter().filter(is_renewed).map(|group| group.bounds).collect(),
+            groups,
+            now: now_of,
+            is_kept,
+            gone: grown(&differences.gone),
+            come: grown(&differences.come),
+            found: Mutex::new(Found { gained: nothing(), lost: nothing(), is_touched: vec![false; samples.len()] }),
+        }
     }
 
-    /// The row of viewpoint `j`, which had row `before`.
-    fn fill_row(&'a self, j: usize, before: Option<usize>, row: &mut [u64], found: &mut Found) {
+    /// Whether nothing that the viewpoints of a tile may see, and nothing that may stand between, has changed since it was earlier tile `old`.
+    fn is_as_before(&self, tile: &Tile, old: usize) -> bool {
+        let grown = tile.bounds.grown(self.inputs.reach_m());
+        let mut changed = self.gone.iter().chain(&self.come).chain(&self.renewed);
+        let before = &self.earlier.tiles[old].viewpoints;
+        let same_cells = || {
+            let pairs = tile.viewpoints.iter().zip(before);
+            pairs.into_iter().all(|(&now, &old)| self.cells[now as usize] == self.earlier.cells[old as usize])
+        };
+        !changed.any(|bounds| bounds.meets(&grown)) && before.len() == tile.viewpoints.len() && same_cells()
+    }
+
+    /// A tile that keeps its segment: only where its patches lie among all samples is new.
+    fn kept_tile(&self, old: usize) -> (Segment, Vec<u32>) {
+        let patches = self.earlier_patches(old).iter().map(|&first| self.now[first as usize]).collect();
+        (self.earlier.field.segments[old].clone(), patches)
+    }
+
+    fn tile<E: From<FieldError>>(
+        &self,
+        tile: &Tile,
+        old: Option<usize>,
+        place: &Place<E>,
+        stop: &StopToken,
+    ) -> Result<(Segment, Vec<u32>), E> {
+        let mut work = self.work(&tile.bounds, old);
+        let mut before = self.rows_before(old).peekable();
+        let (mut bits, mut rows) = (work.reach.row(), SegmentRows::default());
+        for &j in &tile.viewpoints {
+            if stop.is_stopped() {
+                return Err(FieldError::Stopped.into());
+            }
+            let cell = self.cells[j as usize];
+            while let Some(dropped) = before.next_if(|old| old.cell < cell) {
+                self.drop_row(&dropped, &mut work);
+            }
+            self.fill_row(j as usize, before.next_if(|old| old.cell == cell), &mut bits, &mut work);
+            bits.end(&mut rows);
+        }
+        before.for_each(|dropped| self.drop_row(&dropped, &mut work));
+        self.merge(&work);
+        let patches = work.reach.number(&mut rows);
+        let same = old.map(|old| &self.earlier.field.segments[old]).filter(|segment| rows.is_in(segment));
+        let segment = same.map_or_else(|| write(&rows, place), |same| Ok(same.clone()))?;
+        Ok((segment, patches))
+    }
+
+    /// An earlier tile that has no viewpoint any more.
+    fn drop_tile(&self, old: usize) {
+        let mut work = self.work(&self.earlier.tiles[old].bounds, Some(old));
+        self.rows_before(Some(old)).for_each(|dropped| self.drop_row(&dropped, &mut work));
+        self.merge(&work);
+    }
+
+    fn work(&self, bounds: &Bounds, old: Option<usize>) -> Work<'_> {
+        let bounds = old.map_or(*bounds, |old| self.earlier.tiles[old].bounds.union(bounds));
+        let reach = Reach::of(&bounds, self.inputs.reach_m(), &self.groups);
+        let moved = old.map(|old| self.earlier_patches(old).iter().map(|&first| self.moved(first, &reach)).collect());
+        let all: Vec<usize> = (0..reach.groups.len()).collect();
+        let is_renewed = |number: &usize| !self.is_kept[reach.groups[*number].0.samples.clone()].iter().all(|is_kept| *is_kept);
+        let renewed = all.iter().copied().filter(is_renewed).collect();
+        let grown = bounds.grown(self.inputs.reach_m());
+        let near = |boxes: &[Bounds]| boxes.iter().copied().filter(|changed| changed.meets(&grown)).collect();
+        let (gone, come) = (near(&self.gone), near(&self.come));
+        let moved = moved.unwrap_or_default();
+        let (gained, lost) = (reach.masks(), reach.masks());
+        Work { is_touched: vec![false; gained.len()], gained, lost, gone, come, renewed, all, moved, reach }
+    }
+
+    /// The patch that began at the earlier sample `first`.
+    fn moved(&self, first: u32, reach: &Reach) -> Moved {
+        let now = self.now[first as usize];
+        let Some(patch) = reach.patch(now) else { return Moved { patch: 0, kept: 0 } };
+        // Beyond the structure's last sample nothing was seen.
+        let kept = self.is_kept[now as usize..].iter().take(PATCH).zip(0..);
+        Moved { patch, kept: kept.fold(0, |bits, (&is_kept, b)| bits | u32::from(is_kept) << b) }
+    }
+
+    fn earlier_patches(&self, old: usize) -> &'a [u32] {
+        self.earlier.field.patches_of(&self.earlier.field.tiles[old])
+    }
+
+    /// The viewpoints of an earlier tile.
+    fn rows_before(&self, old: Option<usize>) -> impl Iterator<Item = Before<'a>> + use<'a> {
+        let Earlier { field, tiles, cells, .. } = self.earlier;
+        old.into_iter().flat_map(move |old| {
+            let before = move |(row, &j): (usize, &u32)| Before {
+                cell: cells[j as usize],
+                view: field.viewpoints[j as usize].position_m.into(),
+                seen: field.segments[old].row(row),
+            };
+            tiles[old].viewpoints.iter().enumerate().map(before)
+        })
+    }
+
+    /// The row of viewpoint `j`, which may have been there before.
+    fn fill_row(&self, j: usize, before: Option<Before>, bits: &mut RowBits, work: &mut Work) {
         let view = self.inputs.viewpoints[j].position;
-        let Some(old) = before else {
-            let seen: Vec<usize> = self.targets.seen_from(self.inputs, &self.groups, &view).collect();
-            seen.into_iter().for_each(|i| self.gain(i, &view, row, found));
+        let Work { reach, gained, lost, is_touched, gone, come, renewed, all, moved } = work;
+        let mask = |i: usize| self.inputs.disks.mask(&self.targets.frames[i], &view);
+        let Some(before) = before else {
+            self.targets.seen_from(self.inputs, reach, &view, |i, patch, offset| {
+                bits.mark(patch, offset);
+                gained[patch * PATCH + offset] |= mask(i);
+                is_touched[patch * PATCH + offset] = true;
+            });
             return;
         };
-        let earlier = self.earlier.field.row(old);
-        self.runs.iter().for_each(|run| copy_bits(row, run.now.start, earlier, run.before, run.now.len()));
-        let range_m = self.inputs.disks.range_m() + self.inputs.offset_m + SLACK_M;
-        let in_range = |bounds: &Bounds| bounds.distance_squared(&view) <= range_m * range_m;
-        let near = |boxes: &'a [Bounds]| boxes.iter().filter(|bounds| in_range(bounds)).collect::<Vec<_>>();
-        let (gone, come) = (near(&self.gone), near(&self.come));
+        for seen in before.seen {
+            let Moved { patch, kept } = moved[seen.patch as usize];
+            bits.mark_bits(patch, seen.bits & kept);
+        }
+        let reach_m = self.inputs.reach_m();
+        let in_range = |bounds: &Bounds| bounds.distance_squared(&view) <= reach_m * reach_m;
+        let near = |boxes: &[Bounds]| boxes.iter().copied().filter(in_range).collect::<Vec<_>>();
+        let (gone, come) = (near(gone), near(come));
         // Far from every change only samples that are not as before have to be looked at.
-        let is_far = gone.is_empty() && come.is_empty();
-        let numbers = if is_far { &self.renewed } else { &self.all };
-        for &number in numbers {
-            let (group, is_renewed) = (&self.groups[number], self.is_renewed[number]);
-            if !in_range(&group.bounds) {
-                continue;
-            }
+        let numbers = if gone.is_empty() && come.is_empty() { &*renewed } else { &*all };
+        for &number in numbers.iter() {
+            let (group, patch) = reach.groups[number];
             // All lines of sight to the structure lie in here.
-            let lines = Bounds { min: group.bounds.min.inf(&view), max: group.bounds.max.sup(&view) };
-            if !is_renewed && !gone.iter().chain(&come).any(|bounds| bounds.meets(&lines)) {
+            let lines = || Bounds { min: group.bounds.min.inf(&view), max: group.bounds.max.sup(&view) };
+            let is_crossed = |lines: Bounds| gone.iter().chain(&come).any(|bounds| bounds.meets(&lines));
+            if !in_range(&group.bounds) || !renewed.contains(&number) && !is_crossed(lines()) {
                 continue;
             }
-            for i in group.samples.clone() {
-                if !self.is_kept[i] {
-                    if self.targets.is_seen(self.inputs, i, &view) {
-                        self.gain(i, &view, row, found);
-                    }
-                    continue;
-                }
-                let was_seen = row[i / 64] >> (i % 64) & 1 == 1;
+            for (i, offset) in group.samples.clone().zip(0..) {
                 let end = &self.targets.ends[i];
-                let is_crossed = |boxes: &[&Bounds]| boxes.iter().any(|bounds| bounds.meets_segment(&view, end));
+                let is_crossed = |boxes: &[Bounds]| boxes.iter().any(|bounds| bounds.meets_segment(&view, end));
+                let was_seen = self.is_kept[i] && bits.is_marked(patch, offset);
                 if was_seen && is_crossed(&come) && self.inputs.clearance.occluded(&view, end) {
-                    row[i / 64] &= !(1 << (i % 64));
-                    self.lose(i, &view, found);
-                } else if !was_seen && is_crossed(&gone) && self.targets.is_seen(self.inputs, i, &view) {
-                    self.gain(i, &view, row, found);
+                    bits.unmark(patch, offset);
+                    lost[patch * PATCH + offset] |= mask(i);
+                    is_touched[patch * PATCH + offset] = true;
+                } else if !was_seen && (!self.is_kept[i] || is_crossed(&gone)) && self.targets.is_seen(self.inputs, i, &view) {
+                    bits.mark(patch, offset);
+                    gained[patch * PATCH + offset] |= mask(i);
+                    is_touched[patch * PATCH + offset] = true;
                 }
             }
         }
     }
 
-    /// Viewpoint `old` of the earlier field is no more.
-    fn drop_row(&self, old: usize, found: &mut Found) {
-        let view = Point3::from(self.earlier.field.viewpoints[old].position_m);
-        let row = self.earlier.field.row(old);
-        for Run { before, now } in &self.runs {
-            for i in now.clone() {
-                let place = before + (i - now.start);
-                if row[place / 64] >> (place % 64) & 1 == 1 {
-                    self.lose(i, &view, found);
+    /// A viewpoint that is no more.
+    fn drop_row(&self, dropped: &Before, work: &mut Work) {
+        for seen in dropped.seen {
+            let Moved { patch, kept } = work.moved[seen.patch as usize];
+            for b in ones(seen.bits & kept) {
+                let frame = &self.targets.frames[work.reach.first(patch) + b];
+                work.lost[patch * PATCH + b] |= self.inputs.disks.mask(frame, &dropped.view);
+                work.is_touched[patch * PATCH + b] = true;
+            }
+        }
+    }
+
+    /// What all viewpoints together cover of each sample. Of cells that a lost view covered it is asked who else covers them.
+    fn unions(&self, tiles: &[Tile], segments: &[Segment], patches: &[Vec<u32>]) -> Vec<Mask> {
+        let Found { gained, lost, .. } = &*self.lock();
+        let in_doubt: Vec<Mask> = lost.iter().zip(gained).map(|(lost, gained)| lost & !gained).collect();
+        let covered = self.covered(&in_doubt, tiles, segments, patches);
+        let mut unions = gained.clone();
+        for (&now, before) in self.now.iter().zip(self.earlier.unions).filter(|(now, _)| **now != NOWHERE) {
+            let i = now as usize;
+            if self.is_kept[i] {
+                unions[i] |= before & !(in_doubt[i] & !covered[i]);
+            }
+        }
+        unions
+    }
+
+    /// Of cells by sample those that some viewpoint covers.
+    fn covered(&self, cells: &[Mask], tiles: &[Tile], segments: &[Segment], patches: &[Vec<u32>]) -> Vec<Mask> {
+        let mut is_asked = vec![0u64; cells.len() / 64 + 2];
+        cells.iter().enumerate().filter(|(_, cells)| **cells != 0).for_each(|(i, _)| is_asked[i / 64] |= 1 << (i % 64));
+        let bits_from = |first: u32| {
+            let (word, shift) = (first as usize / 64, first % 64);
+            ((u128::from(is_asked[word + 1]) << 64 | u128::from(is_asked[word])) >> shift) as u32
+        };
+        let all_covered = Mutex::new(vec![0; cells.len()]);
+        let ask_tile = |((tile, segment), patches): ((&Tile, &Segment), &Vec<u32>)| {
+            let mut asked: Vec<u32> = patches.iter().map(|&first| bits_from(first)).collect();
+            if asked.iter().all(|bits| *bits == 0) {
+                return;
+            }
+            let mut covered = vec![0 as Mask; asked.len() * PATCH];
+            for (row, &j) in tile.viewpoints.iter().enumerate() {
+                let view = &self.inputs.viewpoints[j as usize].position;
+                for seen in segment.row(row) {
+                    let patch = seen.patch as usize;
+                    for b in ones(seen.bits & asked[patch]) {
+                        let (i, covered) = (patches[patch] as usize + b, &mut covered[patch * PATCH + b]);
+                        *covered |= self.inputs.disks.mask(&self.targets.frames[i], view);
+                        if cells[i] & !*covered == 0 {
+                            asked[patch] &= !(1 << b);
+                        }
+                    }
                 }
             }
+            merge(&covered, patches, &mut all_covered.lock().unwrap_or_else(PoisonError::into_inner));
+        };
+        tiles.par_iter().zip(segments).zip(patches).with_max_len(1).for_each(ask_tile);
+        all_covered.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The samples beside those of the field before.
+    fn seen(&self) -> Seen {
+        let mut same = vec![None; self.is_kept.len()];
+        for (old, &now) in self.now.iter().enumerate().filter(|(_, now)| **now != NOWHERE) {
+            same[now as usize] = self.is_kept[now as usize].then_some(old as u32);
         }
+        Seen { same, is_touched: self.lock().is_touched.clone() }
     }
 
-    fn gain(&self, i: usize, view: &Point3<f64>, row: &mut [u64], found: &mut Found) {
-        row[i / 64] |= 1 << (i % 64);
-        found.gained[i] |= self.mask(i, view);
-        found.is_touched[i] = true;
+    fn merge(&self, work: &Work) {
+        let mut found = self.lock();
+        work.reach.merge(&work.gained, &mut found.gained);
+        work.reach.merge(&work.lost, &mut found.lost);
+        work.reach.merge(&work.is_touched, &mut found.is_touched);
     }
 
-    fn lose(&self, i: usize, view: &Point3<f64>, found: &mut Found) {
-        found.lost[i] |= self.mask(i, view);
-        found.is_touched[i] = true;
-    }
-
-    fn mask(&self, i: usize, view: &Point3<f64>) -> Mask {
-        self.inputs.disks.mask(&self.targets.frames[i], view)
+    fn lock(&self) -> MutexGuard<'_, Found> {
+        self.found.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Copies `count` bits of `from`, beginning at bit `from_bit`, to bit `to_bit` of `to`, where they are zero.
-fn copy_bits(to: &mut [u64], to_bit: usize, from: &[u64], from_bit: usize, count: usize) {
-    let mut done = 0;
-    while done < count {
-        let (source, target) = (from_bit + done, to_bit + done);
-        let some = (count - done).min(64 - source % 64).min(64 - target % 64);
-        let bits = from[source / 64] >> (source % 64) & (u64::MAX >> (64 - some));
-        to[target / 64] |= bits << (target % 64);
-        done += some;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-
-    proptest! {
-        #[test]
-        fn bits_are_copied_one_by_one(from in proptest::collection::vec(any::<u64>(), 4), from_bit in 0usize..128, to_bit in 0usize..128, count in 0usize..128) {
-            let bit = |words: &[u64], k: usize| words[k / 64] >> (k % 64) & 1;
-            let mut to = vec![0; 4];
-            copy_bits(&mut to, to_bit, &from, from_bit, count);
-            for k in 0..256 {
-                let expected = if (to_bit..to_bit + count).contains(&k) { bit(&from, from_bit + k - to_bit) } else { 0 };
-                prop_assert_eq!(bit(&to, k), expected);
-            }
-        }
-    }
+/// The places of the bits that are set.
+fn ones(bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::successors(Some(bits), |rest| Some(rest & rest.wrapping_sub(1)))
+        .take_while(|rest| *rest != 0)
+        .map(|rest| rest.trailing_zeros() as usize)
 }

@@ -4,7 +4,7 @@
 //! are single precision and a little too large, the decisions are double precision, so that every answer is exact and depends on
 //! the triangles alone, not on how the tree happens to be built.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
@@ -16,6 +16,7 @@ use rayon::prelude::*;
 use super::differences::Differences;
 use super::distance::{point_triangle_squared, segment_hits_triangle, segment_triangle_squared};
 use super::proxy::{Scene, Structure, Triangle};
+use super::solid::Bounds;
 
 /// All triangles of a scene, ready for queries: a hierarchy over the structures, and in each of them one over its triangles, so that an edit
 /// makes only those of its own structures anew. Never changes.
@@ -90,6 +91,23 @@ impl Clearance {
             |node| if segment_meets_box(a, &inverse, node, cap_m) { 0.0 } else { f64::INFINITY },
             |triangle| segment_triangle_squared(a, b, triangle),
         )
+    }
+
+    /// The structures of the scene, by their places in it, whose boxes meet a box; perhaps a few more, because the boxes here are a little too large.
+    pub fn structures_near(&self, bounds: &Bounds) -> Vec<usize> {
+        let (low, high) = (bounds.min, bounds.max);
+        let meets = |node: &BvhNode| {
+            let (min, max) = (node.mins(), node.maxs());
+            (0..3).all(|axis| f64::from(min[axis]) <= high[axis] && low[axis] <= f64::from(max[axis]))
+        };
+        let found = RefCell::new(Vec::new());
+        any_leaf(&self.bvh, &meets, |leaf| {
+            found.borrow_mut().push(self.leaves[leaf]);
+            false
+        });
+        let mut found = found.into_inner();
+        found.sort_unstable();
+        found
     }
 
     fn any(&self, meets: impl Fn(&BvhNode) -> bool, hits: impl Fn(&Triangle) -> bool) -> bool {

@@ -54,28 +54,44 @@ pub enum ZoneError {
 impl FreeSpace {
     /// `settings` gives the limits, `scene` the obstacles and its own zones.
     pub fn new(scene: &Scene, settings: &FlightSettings) -> Result<Self, ZoneError> {
-        Self::with_clearance(scene, settings, Clearance::new(scene))
+        let structures = scene.structures.iter().map(|structure| (structure.bounds(), Arc::clone(structure))).collect();
+        Self::with_clearance(scene, settings, structures, Clearance::new(scene))
     }
 
     /// The same of a scene that differs from an earlier one: only what is new is made anew.
     pub fn after(before: &Self, scene: &Scene, differences: &Differences, settings: &FlightSettings) -> Result<Self, ZoneError> {
-        Self::with_clearance(scene, settings, Clearance::after(&before.clearance, scene, differences))
+        let structure = |(structure, kept): (&Arc<Structure>, &Option<usize>)| {
+            let bounds = kept.map_or_else(|| structure.bounds(), |old| before.structures[old].0);
+            (bounds, Arc::clone(structure))
+        };
+        let structures = scene.structures.iter().zip(&differences.kept).map(structure).collect();
+        Self::with_clearance(scene, settings, structures, Clearance::after(&before.clearance, scene, differences))
     }
 
-    fn with_clearance(scene: &Scene, settings: &FlightSettings, clearance: Clearance) -> Result<Self, ZoneError> {
-        let structures: Vec<_> = scene.structures.iter().map(|s| (s.bounds(), Arc::clone(s))).collect();
+    fn with_clearance(
+        scene: &Scene,
+        settings: &FlightSettings,
+        structures: Vec<(Bounds, Arc<Structure>)>,
+        clearance: Clearance,
+    ) -> Result<Self, ZoneError> {
         let mut zones = scene.zones.clone();
         for setting in &settings.no_fly {
             zones.push(zone(setting, &scene.frame)?);
         }
+        let all = structures.iter().map(|(bounds, _)| *bounds).reduce(|a, b| a.union(&b));
         Ok(Self {
             clearance,
-            limits: limits(scene, settings),
+            limits: limits(scene.captured_bounds(), settings),
             structures,
             zones,
             safety_distance_m: settings.safety_distance_m,
-            top_m: scene.bounds().map_or(0.0, |bounds| bounds.max.z),
+            top_m: all.map_or(0.0, |bounds| bounds.max.z),
         })
+    }
+
+    /// The boxes of the scene's structures, in their order, m.
+    pub fn structure_bounds(&self) -> Vec<Bounds> {
+        self.structures.iter().map(|(bounds, _)| *bounds).collect()
     }
 
     /// Why `p` is not a safe position; `None` when it is one.
@@ -115,11 +131,12 @@ impl FreeSpace {
         let leg = b - a;
         // A hole that lets a leg in is wider than twice the safety distance, so what lies behind is not missed in such steps.
         let steps = (leg.norm() / self.safety_distance_m.min(2.0)).ceil() as usize;
-        let meshes = || self.structures.iter().filter(|(_, structure)| matches!(structure.shape, Shape::Mesh { .. }));
-        let low = a.inf(b);
-        let high = a.sup(b);
-        let near: Vec<_> =
-            meshes().filter(|(bounds, _)| (0..3).all(|i| bounds.min[i] <= high[i] && low[i] <= bounds.max[i])).collect();
+        let meets = self.clearance.structures_near(&Bounds { min: a.inf(b), max: a.sup(b) });
+        let near: Vec<_> = meets
+            .into_iter()
+            .map(|index| &self.structures[index])
+            .filter(|(_, s)| matches!(s.shape, Shape::Mesh { .. }))
+            .collect();
         (0..=steps)
             .map(|k| a + leg * (k as f64 / steps.max(1) as f64))
             .find_map(|p| near.iter().find(|(bounds, structure)| bounds.contains(&p) && structure.contains(&p)))
@@ -148,7 +165,8 @@ impl FreeSpace {
 
     /// The structure that holds `p` inside, if any.
     pub fn structure_around(&self, p: &Point3<f64>) -> Option<&Structure> {
-        self.structures.iter().find(|(bounds, structure)| bounds.contains(p) && structure.contains(p)).map(|(_, s)| s.as_ref())
+        let near = self.clearance.structures_near(&Bounds { min: *p, max: *p }).into_iter().map(|index| &self.structures[index]);
+        near.into_iter().find(|(bounds, structure)| bounds.contains(p) && structure.contains(p)).map(|(_, s)| s.as_ref())
     }
 
     fn outside(&self) -> Obstruction {
@@ -200,10 +218,10 @@ fn share_between(z0: f64, z1: f64, floor: f64, ceiling: f64) -> Option<(f64, f64
     (enter <= leave).then_some((enter, leave))
 }
 
-/// The box of admissible positions; empty (it contains nothing) for a scene without structures that are to be captured.
-fn limits(scene: &Scene, settings: &FlightSettings) -> Bounds {
+/// The box of admissible positions above the structures that are to be captured; empty (it contains nothing) without any.
+fn limits(captured: Option<Bounds>, settings: &FlightSettings) -> Bounds {
     let margin = settings.lateral_margin_m;
-    let Some(all) = scene.captured_bounds() else {
+    let Some(all) = captured else {
         return Bounds { min: Point3::origin(), max: Point3::new(-1.0, -1.0, -1.0) };
     };
     let top = (all.max.z + settings.above_tallest_m).min(settings.legal_ceiling_m);

@@ -4,7 +4,7 @@ use std::sync::{Arc, OnceLock};
 
 use geo::{Coord, Intersects, Polygon};
 use nalgebra::{Point3, Unit, Vector3};
-use overfly_table::FieldTable;
+use overfly_table::{FieldTable, Row};
 
 use super::leg::{angle_rad, image_poses};
 use super::objective::Objective;
@@ -232,7 +232,7 @@ impl<'a> Problem<'a> {
             return;
         };
         let frusta = self.rig.frusta(pose);
-        for i in seen_in(self.field.row(nearest)) {
+        for i in self.field.row(nearest).samples() {
             let frame = &self.frames[i];
             if is_framed(frusta.as_deref(), &frame.position) {
                 scratch.add(i as u32, self.disks.mask(frame, &pose.position));
@@ -242,7 +242,7 @@ impl<'a> Problem<'a> {
 
     /// The samples in the field's row of viewpoint `j`, in ascending order.
     pub fn seen_from(&self, j: usize) -> impl Iterator<Item = usize> + '_ {
-        seen_in(self.field.row(j))
+        self.field.row(j).samples()
     }
 
     /// The viewpoint whose row of the field answers for a position: the nearest one in sight.
@@ -259,9 +259,10 @@ impl<'a> Problem<'a> {
 
     /// Every sample that the field shows at a position, whatever the direction of the cameras, with the cells of its disk.
     pub fn sighted(&self, position: &Point3<f64>) -> impl Iterator<Item = (usize, Mask)> + '_ {
-        let row = self.lookup.nearest_in_sight(position, &self.free.clearance).map_or(&[][..], |nearest| self.field.row(nearest));
+        let row =
+            self.lookup.nearest_in_sight(position, &self.free.clearance).map_or(Row::NOTHING, |nearest| self.field.row(nearest));
         let position = *position;
-        seen_in(row).map(move |i| (i, self.disks.mask(&self.frames[i], &position))).filter(|&(_, mask)| mask != 0)
+        row.samples().map(move |i| (i, self.disks.mask(&self.frames[i], &position))).filter(|&(_, mask)| mask != 0)
     }
 
     /// Area-weighted cells that `seen` adds to `covered` (Eq. 2 over all samples).
@@ -315,21 +316,13 @@ impl Scratch {
     }
 }
 
-/// The samples whose bits are set in a row of the field, in ascending order.
-pub(super) fn seen_in(row: &[u64]) -> impl Iterator<Item = usize> + '_ {
-    row.iter().enumerate().flat_map(|(word_index, &word)| {
-        let rest = std::iter::successors(Some(word), |rest| Some(rest & rest.wrapping_sub(1)));
-        rest.take_while(|&rest| rest != 0).map(move |rest| word_index * 64 + rest.trailing_zeros() as usize)
-    })
-}
-
 pub(super) fn is_framed(frusta: Option<&[View]>, target: &Point3<f64>) -> bool {
     frusta.is_none_or(|views| views.iter().any(|view| view.frames(target)))
 }
 
 /// The most that any row of the field could gain: every sample in it under the largest disk.
 fn most_of_image(field: &FieldTable, disks: &DiskModel) -> Information {
-    let area = |row: &[u64]| seen_in(row).fold(0u64, |sum, i| sum.saturating_add(field.samples[i].area_mm2));
+    let area = |row: Row| row.samples().fold(0u64, |sum, i| sum.saturating_add(field.samples[i].area_mm2));
     let most = (0..field.viewpoints.len()).map(|j| area(field.row(j))).max().unwrap_or(0);
     most.saturating_mul(u64::from(disks.most_cells()))
 }

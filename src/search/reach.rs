@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use overfly_table::FieldTable;
 use rayon::prelude::*;
 
-use super::problem::{is_framed, seen_in};
+use super::problem::is_framed;
 use crate::camera::{Pose, Rig, View};
 use crate::coverage::{Bearing, DiskModel, Mask, MatchedViews, Matching, SampleFrame};
 use crate::field::Changes;
@@ -73,7 +73,7 @@ fn ceilings(seeing: &Seeing, only: Option<&[bool]>) -> Vec<u16> {
     }
     let nothing = || vec![0 as Mask; frames.len()];
     let unions = seeing.viewpoints(only).into_par_iter().fold(nothing, |mut union, (j, position)| {
-        let mut seen = seen_in(field.row(j)).filter(|&i| only.is_none_or(|only| only[i])).peekable();
+        let mut seen = field.row(j).samples().filter(|&i| only.is_none_or(|only| only[i])).peekable();
         if seen.peek().is_some() {
             let views = views(rig, position);
             for i in seen.filter(|&i| sees_all || is_framed(Some(&views), &frames[i].position)) {
@@ -96,7 +96,7 @@ fn matchable(seeing: &Seeing, only: Option<&[bool]>) -> Vec<bool> {
     let mut is_open: Vec<bool> = only.map_or_else(|| vec![true; frames.len()], <[bool]>::to_vec);
     let most_tried = MOST_TRIED_VIEWS.max(4 * matching.least_views as usize);
     for (j, position) in seeing.viewpoints(only) {
-        let seen: Vec<usize> = seen_in(field.row(j)).filter(|&i| is_open[i]).collect();
+        let seen: Vec<usize> = field.row(j).samples().filter(|&i| is_open[i]).collect();
         if seen.is_empty() {
             continue;
         }

@@ -220,7 +220,7 @@ fn the_ceilings_of_a_rig_are_those_of_all_its_views_from_all_viewpoints() {
         for (i, sample) in problem.frames.iter().enumerate() {
             let mut union: Mask = 0;
             for (j, viewpoint) in problem.field.viewpoints.iter().enumerate() {
-                if problem.field.row(j)[i / 64] >> (i % 64) & 1 == 0 {
+                if !problem.field.row(j).sees(i) {
                     continue;
                 }
                 let position = viewpoint.position_m.into();
@@ -256,7 +256,7 @@ fn a_sample_can_be_matched_when_enough_of_the_rig_s_views_from_all_viewpoints_ha
             let problem = Problem::new(&snapshot, &settings, rig.clone());
             for (i, sample) in problem.frames.iter().enumerate() {
                 let mut views = Vec::new();
-                for j in (0..problem.field.viewpoints.len()).filter(|&j| problem.field.row(j)[i / 64] >> (i % 64) & 1 == 1) {
+                for j in (0..problem.field.viewpoints.len()).filter(|&j| problem.field.row(j).sees(i)) {
                     let position = problem.field.viewpoints[j].position_m.into();
                     let is_framed = rig.pose_directions().into_iter().any(|direction| {
                         let pose = Pose { position, direction };

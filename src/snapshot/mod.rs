@@ -1,19 +1,23 @@
-//! Fields on disk: a header, then the table's bytes as they lie in memory.
+//! Fields on disk: a header, then the bytes of the table and of its segments as they lie in memory.
 //!
 //! A field that was built once need not be built again after a restart, as long as scene and settings are the same. The header
 //! says what the field belongs to and carries a checksum, so that a file that is damaged, cut off, or of another release is an
 //! error and never a wrong field.
 
 use std::io::{self, Read, Write};
+use std::ops::Range;
+use std::sync::Arc;
 
-use overfly_table::{Block, FieldTable, LayoutError};
+use overfly_table::{Block, FieldTable, LayoutError, Segment, TableMemory, first_table};
 use serde::{Deserialize, Serialize};
+
+use crate::session::FieldStorage;
 
 /// The first bytes of every snapshot.
 const MAGIC: [u8; 8] = *b"OVFLYSNP";
 
-/// Version of the header and of the table's layout.
-pub const SCHEMA: u32 = 1;
+/// Version of the header and of the table's layout. Version 2 has the visibility rows in segments.
+pub const SCHEMA: u32 = 2;
 
 /// Longest header, bytes.
 const MAX_HEADER_BYTES: usize = 4096;
@@ -57,10 +61,41 @@ pub enum SnapshotError {
     Foreign { found: Box<FieldStamp>, wanted: Box<FieldStamp> },
 }
 
-/// Writes the field in `blocks`.
-pub fn write(to: &mut impl Write, stamp: &FieldStamp, blocks: &[Block]) -> Result<(), SnapshotError> {
-    let bytes: &[u8] = bytemuck::cast_slice(blocks);
-    let header = SnapshotHeader { schema: SCHEMA, stamp: stamp.clone(), bytes: bytes.len() as u64, checksum: checksum(blocks) };
+/// A field that was read: its table, and its segments.
+pub struct StoredField {
+    table: Part,
+    segments: Vec<Segment>,
+}
+
+/// A table in the blocks of a file.
+struct Part {
+    file: Arc<Vec<Block>>,
+    range: Range<usize>,
+}
+
+impl TableMemory for Part {
+    fn blocks(&self) -> &[Block] {
+        &self.file[self.range.clone()]
+    }
+}
+
+impl FieldStorage for StoredField {
+    fn blocks(&self) -> &[Block] {
+        self.table.blocks()
+    }
+
+    fn segments(&self) -> &[Segment] {
+        &self.segments
+    }
+}
+
+/// Writes a field.
+pub fn write(to: &mut impl Write, stamp: &FieldStamp, field: &dyn FieldStorage) -> Result<(), SnapshotError> {
+    let segments = field.segments().iter().map(|segment| segment.memory().blocks());
+    let tables: Vec<&[Block]> = std::iter::once(field.blocks()).chain(segments).collect();
+    let bytes = tables.iter().map(|table| size_of_val(*table) as u64).sum();
+    let checksum = tables.iter().fold(SEED, |hash, table| checksum(hash, table));
+    let header = SnapshotHeader { schema: SCHEMA, stamp: stamp.clone(), bytes, checksum };
     let header = bincode::serde::encode_to_vec(&header, bincode::config::standard())
         .map_err(|error| SnapshotError::Header(error.to_string()))?;
     if header.len() > MAX_HEADER_BYTES {
@@ -69,12 +104,14 @@ pub fn write(to: &mut impl Write, stamp: &FieldStamp, blocks: &[Block]) -> Resul
     to.write_all(&MAGIC)?;
     to.write_all(&(header.len() as u32).to_le_bytes())?;
     to.write_all(&header)?;
-    to.write_all(bytes)?;
+    for table in tables {
+        to.write_all(bytemuck::cast_slice(table))?;
+    }
     Ok(())
 }
 
 /// Reads the field that belongs to `wanted`; a longer one than `limit_bytes` is refused before memory is taken for it.
-pub fn read(from: &mut impl Read, wanted: &FieldStamp, limit_bytes: u64) -> Result<Vec<Block>, SnapshotError> {
+pub fn read(from: &mut impl Read, wanted: &FieldStamp, limit_bytes: u64) -> Result<StoredField, SnapshotError> {
     let header = read_header(from)?;
     if header.stamp != *wanted {
         return Err(SnapshotError::Foreign { found: Box::new(header.stamp), wanted: Box::new(wanted.clone()) });
@@ -87,11 +124,26 @@ pub fn read(from: &mut impl Read, wanted: &FieldStamp, limit_bytes: u64) -> Resu
     }
     let mut blocks = vec![Block::ZERO; (header.bytes / Block::BYTES as u64) as usize];
     from.read_exact(bytemuck::cast_slice_mut(&mut blocks)).map_err(cut_off)?;
-    if checksum(&blocks) != header.checksum {
+    if checksum(SEED, &blocks) != header.checksum {
         return Err(SnapshotError::Damaged);
     }
-    FieldTable::open(&blocks)?;
-    Ok(blocks)
+    let mut parts = parts(blocks)?.into_iter();
+    let table = parts.next().ok_or(SnapshotError::Damaged)?;
+    let segments = parts.map(|part| Segment::open(Arc::new(part))).collect::<Result<Vec<_>, _>>()?;
+    FieldTable::open(table.blocks(), &segments)?;
+    Ok(StoredField { table, segments })
+}
+
+/// The tables that follow one another in a file.
+fn parts(blocks: Vec<Block>) -> Result<Vec<Part>, SnapshotError> {
+    let file = Arc::new(blocks);
+    let (mut parts, mut start) = (Vec::new(), 0);
+    while start < file.len() {
+        let count = first_table(&file[start..]).filter(|count| *count > 0).ok_or(SnapshotError::Damaged)?;
+        parts.push(Part { file: Arc::clone(&file), range: start..start + count });
+        start += count;
+    }
+    Ok(parts)
 }
 
 fn read_header(from: &mut impl Read) -> Result<SnapshotHeader, SnapshotError> {
@@ -123,10 +175,13 @@ fn cut_off(error: io::Error) -> SnapshotError {
     if error.kind() == io::ErrorKind::UnexpectedEof { SnapshotError::Damaged } else { SnapshotError::Io(error) }
 }
 
-/// FNV-1a over 64-bit words: finds damage, not malice.
-fn checksum(blocks: &[Block]) -> u64 {
+/// What a checksum begins with.
+const SEED: u64 = 0xcbf2_9ce4_8422_2325;
+
+/// FNV-1a over 64-bit words, going on from that of the blocks before: finds damage, not malice.
+fn checksum(before: u64, blocks: &[Block]) -> u64 {
     let words = blocks.iter().flat_map(|block| block.0);
-    words.fold(0xcbf2_9ce4_8422_2325, |hash, word| {
+    words.fold(before, |hash, word| {
         let mixed = (hash ^ word).wrapping_mul(0x0000_0100_0000_01b3);
         mixed ^ (mixed >> 32)
     })
@@ -134,11 +189,12 @@ fn checksum(blocks: &[Block]) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use overfly_table::FieldTableMut;
-    use overfly_table::field::{FieldCounts, FieldFacts};
+    use overfly_table::field::{FieldCounts, FieldFacts, TileRow};
+    use overfly_table::{FieldTableMut, SegmentRows};
     use proptest::prelude::*;
 
     use super::*;
+    use crate::session::HeapField;
 
     const LIMIT: u64 = 1 << 20;
 
@@ -146,24 +202,37 @@ mod tests {
         FieldStamp { scene: "town".into(), revision: 3, settings_hash: 7 }
     }
 
-    fn field(samples: usize, viewpoints: usize, word: u64) -> Vec<Block> {
-        let counts = FieldCounts { samples, viewpoints, structures: 1, ..Default::default() };
+    /// A field of two tiles with so many rows.
+    fn field(samples: usize, rows: usize, bits: u32) -> HeapField {
+        let counts = FieldCounts { samples, tiles: 2, patches: 2, structures: 1, ..Default::default() };
         let mut blocks = vec![Block::ZERO; counts.blocks()];
-        FieldTableMut::create(&mut blocks, &counts, FieldFacts::default()).visibility.fill(word);
-        blocks
+        let tile = |first_patch| TileRow { first_patch, patches: 1, rows: rows as u32, ..Default::default() };
+        FieldTableMut::create(&mut blocks, &counts, FieldFacts::default()).tiles.copy_from_slice(&[tile(0), tile(1)]);
+        let segment = |bits: u32| {
+            let mut written = SegmentRows::default();
+            (0..rows).for_each(|_| {
+                written.see(0, bits);
+                written.end_row();
+            });
+            let mut blocks = vec![Block::ZERO; written.blocks()];
+            written.write(&mut blocks);
+            Segment::open(Arc::new(blocks)).unwrap()
+        };
+        HeapField { blocks, segments: vec![segment(bits), segment(!bits)] }
     }
 
-    fn written(blocks: &[Block]) -> Vec<u8> {
+    fn written(field: &HeapField) -> Vec<u8> {
         let mut file = Vec::new();
-        write(&mut file, &stamp(), blocks).unwrap();
+        write(&mut file, &stamp(), field).unwrap();
         file
     }
 
     proptest! {
         #[test]
-        fn a_field_comes_back_as_it_was(samples in 1usize..200, viewpoints in 1usize..50, word: u64) {
-            let blocks = field(samples, viewpoints, word);
-            prop_assert_eq!(read(&mut written(&blocks).as_slice(), &stamp(), LIMIT).unwrap(), blocks);
+        fn a_field_comes_back_as_it_was(samples in 1usize..200, rows in 1usize..50, bits: u32) {
+            let field = field(samples, rows, bits);
+            let read = read(&mut written(&field).as_slice(), &stamp(), LIMIT).unwrap();
+            prop_assert!(read.is_same(&field));
         }
 
         #[test]
@@ -189,7 +258,7 @@ mod tests {
         assert!(matches!(read(&mut file.as_slice(), &other, LIMIT), Err(SnapshotError::Foreign { .. })));
         let mut newer = file.clone();
         newer[12] = SCHEMA as u8 + 1;
-        assert!(matches!(read(&mut newer.as_slice(), &stamp(), LIMIT), Err(SnapshotError::Schema { found: 2 })));
+        assert!(matches!(read(&mut newer.as_slice(), &stamp(), LIMIT), Err(SnapshotError::Schema { found: 3 })));
         assert!(matches!(read(&mut file.as_slice(), &stamp(), 100), Err(SnapshotError::TooLong { .. })));
         assert!(matches!(read(&mut &b"not a snapshot"[..], &stamp(), LIMIT), Err(SnapshotError::NotASnapshot)));
     }

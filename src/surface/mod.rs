@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use geo::Area;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -68,7 +69,8 @@ impl Sampler {
 
     /// About how many samples the scene will have.
     pub fn estimate(&self, scene: &Scene) -> f64 {
-        scene_area_m2(scene) / (self.sampling.spacing_m * self.sampling.spacing_m)
+        let area_m2: f64 = scene.structures.iter().map(|structure| surface_m2(structure)).sum();
+        area_m2 / (self.sampling.spacing_m * self.sampling.spacing_m)
     }
 
     pub fn sampling(&self) -> &Sampling {
@@ -96,15 +98,15 @@ impl Sampler {
     }
 
     /// The same of a scene that differs from an earlier one, whose samples are `before`, structure by structure: only those of new structures
-    /// are made, and only where structures came or went is it looked at anew which are exposed.
+    /// are made, and only where structures came or went is it looked at anew which are exposed. `bounds` are those of the structures.
     pub fn sample_after(
         &self,
         scene: &Scene,
         differences: &Differences,
         before: &Samples,
+        bounds: &[Bounds],
         stop: &StopToken,
     ) -> Option<Vec<Sample>> {
-        let bounds: Vec<Bounds> = scene.structures.iter().map(|structure| structure.bounds()).collect();
         let reach_m = self.sampling.offset_m;
         let of_structure = |(index, structure): (usize, &Arc<Structure>)| {
             if stop.is_stopped() {
@@ -117,7 +119,7 @@ impl Sampler {
                 Some(samples) => samples.to_vec(),
                 None => self.of_structure(structure).to_vec(),
             };
-            let neighbours = neighbours(scene, &bounds, index, reach_m);
+            let neighbours = neighbours(scene, bounds, index, reach_m);
             samples.iter_mut().for_each(|sample| sample.exposed = is_exposed(sample, &neighbours, reach_m));
             Some(placed(samples, index))
         };
@@ -288,6 +290,20 @@ fn cut(triangle: Triangle, spacing_m: f64, pieces: &mut Vec<Triangle>) {
 fn scene_area_m2(scene: &Scene) -> f64 {
     let captured = scene.structures.iter().filter(|structure| structure.is_captured());
     captured.flat_map(|structure| structure.triangles()).map(|triangle| area_m2(&triangle)).sum()
+}
+
+/// The surface of a structure without cutting it into triangles first where that is not needed, m^2.
+fn surface_m2(structure: &Structure) -> f64 {
+    match &structure.shape {
+        Shape::Mesh { triangles } => triangles.iter().map(area_m2).sum(),
+        Shape::Obstacle { .. } => 0.0,
+        Shape::Prism { footprint, base_m, top_m } => {
+            let rings = footprint.iter().flat_map(|polygon| std::iter::once(polygon.exterior()).chain(polygon.interiors()));
+            let edges_m: f64 = rings.flat_map(|ring| ring.lines()).map(|edge| (edge.delta().x).hypot(edge.delta().y)).sum();
+            let flat_sides = if *base_m > 0.0 { 2.0 } else { 1.0 };
+            footprint.unsigned_area() * flat_sides + edges_m * (top_m - base_m)
+        }
+    }
 }
 
 fn area_m2([a, b, c]: &Triangle) -> f64 {

@@ -17,7 +17,6 @@ use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
 use overfly::trajectory::limits::Limits;
 use overfly::trajectory::profile::Corner;
-use overfly_table::Block;
 
 fn main() {
     divan::main();
@@ -170,14 +169,13 @@ fn timed_legs(rig: &str) -> (Limits, Vec<(f64, [Corner; 2])>) {
 
 #[divan::bench(sample_count = 20)]
 fn survey() -> usize {
-    SESSION.survey(&StopToken::default()).expect("nobody stops it").blocks()
+    SESSION.survey(&StopToken::default()).expect("nobody stops it").counts().viewpoints
 }
 
 #[divan::bench(sample_count = 20)]
 fn field_build(bencher: Bencher) {
-    let mut survey = SESSION.survey(&StopToken::default()).expect("nobody stops it");
-    let mut blocks = vec![Block::ZERO; survey.blocks()];
-    bencher.bench_local(|| survey.build(&mut blocks, &StopToken::default()));
+    let survey = || SESSION.survey(&StopToken::default()).expect("nobody stops it");
+    bencher.with_inputs(survey).bench_local_values(|survey| survey.into_snapshot(&StopToken::default()));
 }
 
 /// A structure is raised; the ratio to [`survey`] and [`field_build`] together is what the field before saves.

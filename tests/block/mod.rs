@@ -55,6 +55,8 @@ pub fn field(buildings: &[Building]) -> Vec<Block> {
     let counts = FieldCounts {
         samples: samples.iter().map(Vec::len).sum(),
         viewpoints: 0,
+        tiles: 0,
+        patches: 0,
         structures: buildings.len(),
         rings: all_rings().count(),
         points: all_rings().map(Vec::len).sum(),

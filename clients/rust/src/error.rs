@@ -33,6 +33,14 @@ pub enum ClientError {
     Memory(#[from] MemoryError),
     #[error(transparent)]
     Service(#[from] ServiceError),
+    #[error(
+        "a segment of a field cannot be mapped ({cause}); only programs on the host of the daemon of {domain:?} that see its /dev/shm can"
+    )]
+    Segment {
+        domain: String,
+        #[source]
+        cause: std::io::Error,
+    },
     #[error("the request cannot be sent: {0}")]
     Send(String),
     #[error("messages cannot be received: {0}")]

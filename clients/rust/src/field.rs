@@ -1,23 +1,32 @@
 //! Fields, read where the daemon has built them.
 
-use std::sync::Arc;
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::sync::{Arc, Weak};
 use std::time::Instant;
 
-use overfly_table::FieldTable;
+use overfly_table::{FieldTable, Segment, field};
 use overfly_wire::memory;
+use overfly_wire::segment::SegmentMap;
 use overfly_wire::service::{self, BlockSample, BlockSubscriber, LOOK_AGAIN};
-use overfly_wire::{Header, Kind, WireBlock};
+use overfly_wire::{Domain, Header, Kind, WireBlock};
 
 use crate::error::ClientError;
 use crate::link::{Link, Presence};
 
-/// A field in shared memory, mapped read-only. While it lives the daemon keeps this table, so do not keep more than you read.
+/// A field in shared memory, mapped read-only. While it lives the daemon keeps its table, so do not keep more than you read. Segments that fields before
+/// and after an edit have in common are mapped once.
 pub struct FieldMap {
     sample: BlockSample,
+    segments: Vec<Segment>,
     header: Header,
     _subscriber: BlockSubscriber,
     _presence: Arc<Presence>,
 }
+
+/// The segments that a client has mapped, by daemon and number.
+#[derive(Default)]
+pub(crate) struct Segments(RefCell<HashMap<(u64, u64), Weak<SegmentMap>>>);
 
 impl FieldMap {
     /// Waits for a table of the daemon `link` talks to (any, before it has answered) that is at least as new as `epoch`.
@@ -26,7 +35,7 @@ impl FieldMap {
         memory::check_room(0)?;
         let subscriber = service::field_subscriber(&service::open_field(link.presence.node(), scene)?)?;
         link.attach();
-        let mut attached = started;
+        let (mut attached, mut missing) = (started, None);
         loop {
             while let Some(sample) = subscriber.receive().map_err(|error| ClientError::Receive(format!("{error:?}")))? {
                 let header = *sample.user_header();
@@ -34,13 +43,26 @@ impl FieldMap {
                 let instance = link.instance.get();
                 let current = instance == 0 || header.instance == instance;
                 if header.is(Kind::Field) && current && header.epoch >= epoch {
-                    FieldTable::open(WireBlock::blocks(sample.payload()))?;
-                    return Ok(Self { sample, header, _subscriber: subscriber, _presence: link.presence.clone() });
+                    match link.segments.map(&link.domain, header.instance, &sample) {
+                        Ok(segments) => {
+                            FieldTable::open(WireBlock::blocks(sample.payload()), &segments)?;
+                            let presence = link.presence.clone();
+                            return Ok(Self { sample, segments, header, _subscriber: subscriber, _presence: presence });
+                        }
+                        // An edit was faster: the field that it led to is on its way.
+                        Err(ClientError::Segment { cause, .. }) if cause.kind() == std::io::ErrorKind::NotFound => {
+                            missing = Some(cause);
+                        }
+                        Err(error) => return Err(error),
+                    }
                 }
             }
             if Instant::now() > end {
                 let what = format!("the field of {scene:?}");
-                return Err(ClientError::Timeout { what, seconds: started.elapsed().as_secs_f64() });
+                return Err(match missing {
+                    Some(cause) => ClientError::Segment { domain: link.domain.name().into(), cause },
+                    None => ClientError::Timeout { what, seconds: started.elapsed().as_secs_f64() },
+                });
             }
             link.wait_for_news(LOOK_AGAIN)?;
             // The daemon rings for every attachment, so that asking at each ring would keep both awake.
@@ -52,7 +74,8 @@ impl FieldMap {
     }
 
     pub fn table(&self) -> FieldTable<'_> {
-        FieldTable::open(WireBlock::blocks(self.sample.payload())).expect("checked when it was mapped, and nobody writes to it")
+        let table = FieldTable::open(WireBlock::blocks(self.sample.payload()), &self.segments);
+        table.expect("checked when it was mapped, and nobody writes to it")
     }
 
     /// Counts the tables that the daemon has published.
@@ -65,8 +88,30 @@ impl FieldMap {
         self.header.instance
     }
 
-    /// Size of the table, bytes.
+    /// Size of the table and its segments, bytes.
     pub fn bytes(&self) -> u64 {
-        std::mem::size_of_val(self.sample.payload()) as u64
+        self.table().bytes()
+    }
+}
+
+impl Segments {
+    /// The segments of the table in `sample`; what is mapped already is not mapped again.
+    fn map(&self, domain: &Domain, instance: u64, sample: &BlockSample) -> Result<Vec<Segment>, ClientError> {
+        let mut known = self.0.borrow_mut();
+        known.retain(|_, segment| segment.strong_count() > 0);
+        let segment = |tile: &field::TileRow| {
+            let key = (instance, tile.number);
+            let mapped = match known.get(&key).and_then(Weak::upgrade) {
+                Some(mapped) => mapped,
+                None => {
+                    let failed = |cause| ClientError::Segment { domain: domain.name().into(), cause };
+                    let mapped = Arc::new(SegmentMap::open(domain, instance, tile.number).map_err(failed)?);
+                    known.insert(key, Arc::downgrade(&mapped));
+                    mapped
+                }
+            };
+            Ok(Segment::open(mapped)?)
+        };
+        field::tiles(WireBlock::blocks(sample.payload()))?.iter().map(segment).collect()
     }
 }

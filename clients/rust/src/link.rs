@@ -16,6 +16,7 @@ use overfly_wire::service::{
 use overfly_wire::{Domain, Header, Kind, ProgressNote, RefusalCode, Reply, Request, WireBlock};
 
 use crate::error::ClientError;
+use crate::field::Segments;
 
 /// How often a scene file may be on its way at the same time: once, and once again when nothing was heard.
 const BULK_SAMPLES: usize = 2;
@@ -103,6 +104,7 @@ pub(crate) struct Link {
     pub(crate) instance: Cell<u64>,
     next_correlation: Cell<u64>,
     pub(crate) domain: Domain,
+    pub(crate) segments: Segments,
     watchman: Watchman,
     pub(crate) presence: Arc<Presence>,
 }
@@ -146,6 +148,7 @@ impl Link {
             instance: Cell::new(0),
             next_correlation: Cell::new(1),
             domain,
+            segments: Segments::default(),
             watchman,
             presence,
         })

@@ -1,12 +1,14 @@
-//! The view information field as a table (paper, section 4.3 and Algorithm 1), with the outlines of the structures beside it.
+//! The view information field as a table (paper, section 4.3 and Algorithm 1), with the outlines of the structures beside it. What can be seen
+//! from where lies in the segments that it names.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::layout::{self, Block, LayoutError, Section};
+use crate::rows::{Row, Segment};
 
 /// "OVFLYVIF" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYVIF");
-pub const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 2;
 
 /// Size and pinned settings of a field. Everything that an update after an edit must not change stands here.
 #[repr(C)]
@@ -62,6 +64,23 @@ pub struct ViewpointRow {
     pub position_m: [f64; 3],
     /// Distance to the nearest surface, m, cut off at the outer edge of the shell.
     pub clearance_m: f64,
+    /// Its tile, and its row in the segment of that.
+    pub tile: u32,
+    pub row: u32,
+}
+
+/// A tile: the viewpoints of neighbouring columns of the lattice, with the segment that holds their rows.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct TileRow {
+    /// What other processes find the segment by; 0 for one in the memory of one process.
+    pub number: u64,
+    /// The patches of the segment in the patches section.
+    pub first_patch: u32,
+    pub patches: u32,
+    /// Rows of the segment.
+    pub rows: u32,
+    pub reserved: u32,
 }
 
 /// A structure: its heights, its name in the names section, its outline in the rings section, its samples in the samples section.
@@ -95,6 +114,8 @@ pub type PointRow = [f64; 2];
 pub struct FieldCounts {
     pub samples: usize,
     pub viewpoints: usize,
+    pub tiles: usize,
+    pub patches: usize,
     pub structures: usize,
     pub rings: usize,
     pub points: usize,
@@ -112,13 +133,15 @@ struct FieldHeader {
     sections: [Section; SECTIONS],
 }
 
-const SECTIONS: usize = 8;
-const NAMES: [&str; SECTIONS] = ["samples", "ceilings", "viewpoints", "visibility", "structures", "rings", "points", "names"];
+const SECTIONS: usize = 9;
+const NAMES: [&str; SECTIONS] =
+    ["samples", "ceilings", "viewpoints", "tiles", "patches", "structures", "rings", "points", "names"];
 const ROW_BYTES: [usize; SECTIONS] = [
     size_of::<SampleRow>(),
     size_of::<u16>(),
     size_of::<ViewpointRow>(),
-    size_of::<u64>(),
+    size_of::<TileRow>(),
+    size_of::<u32>(),
     size_of::<StructureRow>(),
     size_of::<RingRow>(),
     size_of::<PointRow>(),
@@ -126,12 +149,7 @@ const ROW_BYTES: [usize; SECTIONS] = [
 ];
 
 impl FieldCounts {
-    /// Words of one visibility row: a multiple of eight, so that each row starts on a cache line.
-    pub fn words_per_row(&self) -> usize {
-        self.samples.div_ceil(64).next_multiple_of(8)
-    }
-
-    /// Size of the whole table in blocks.
+    /// Size of the table in blocks, without the segments.
     pub fn blocks(&self) -> usize {
         layout::blocks_for(self.sections().1)
     }
@@ -141,7 +159,8 @@ impl FieldCounts {
             self.samples,
             self.samples,
             self.viewpoints,
-            self.viewpoints * self.words_per_row(),
+            self.tiles,
+            self.patches,
             self.structures,
             self.rings,
             self.points,
@@ -155,8 +174,7 @@ impl FieldCounts {
     }
 }
 
-/// A field that can be read. Bit `i` of row `j` of `visibility` says that sample `i` can be seen from viewpoint `j`, whatever
-/// the direction of the camera: a view direction is a further test on the same bits.
+/// A field that can be read: its table, and the segments with the visibility rows.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldTable<'a> {
     pub facts: &'a FieldFacts,
@@ -164,34 +182,48 @@ pub struct FieldTable<'a> {
     /// Cells of each sample that all viewpoints together cover: what a sample can reach at all.
     pub ceilings: &'a [u16],
     pub viewpoints: &'a [ViewpointRow],
-    pub visibility: &'a [u64],
-    pub words_per_row: usize,
+    pub tiles: &'a [TileRow],
+    /// First sample of each patch.
+    pub patches: &'a [u32],
+    /// By tile.
+    pub segments: &'a [Segment],
     pub structures: &'a [StructureRow],
     pub rings: &'a [RingRow],
     pub points: &'a [PointRow],
     names: &'a [u8],
+    table_bytes: u64,
+}
+
+/// The tiles of a field's table, with the numbers of the segments that it is opened with.
+pub fn tiles(blocks: &[Block]) -> Result<&[TileRow], LayoutError> {
+    layout::rows(blocks, header(blocks)?.sections[3], NAMES[3])
+}
+
+fn header(blocks: &[Block]) -> Result<&FieldHeader, LayoutError> {
+    layout::header(blocks, "field", MAGIC, SCHEMA, |header: &FieldHeader| (header.magic, header.schema, header.total_bytes))
 }
 
 impl<'a> FieldTable<'a> {
-    /// Opens a table that somebody else may have written; every bound and every index between sections is checked.
-    pub fn open(blocks: &'a [Block]) -> Result<Self, LayoutError> {
-        let header: &FieldHeader = layout::header(blocks, "field", MAGIC, SCHEMA, |header: &FieldHeader| {
-            (header.magic, header.schema, header.total_bytes)
-        })?;
-        let [samples, ceilings, viewpoints, visibility, structures, rings, points, names] = header.sections;
+    /// Opens a table that somebody else may have written, with its segments, one for each tile; every bound and every index between sections is checked.
+    pub fn open(blocks: &'a [Block], segments: &'a [Segment]) -> Result<Self, LayoutError> {
+        let header = header(blocks)?;
+        let [samples, ceilings, viewpoints, tiles, patches, structures, rings, points, names] = header.sections;
         let table = Self {
             facts: &header.facts,
             samples: layout::rows(blocks, samples, NAMES[0])?,
             ceilings: layout::rows(blocks, ceilings, NAMES[1])?,
             viewpoints: layout::rows(blocks, viewpoints, NAMES[2])?,
-            visibility: layout::rows(blocks, visibility, NAMES[3])?,
-            words_per_row: FieldCounts { samples: samples.count as usize, ..Default::default() }.words_per_row(),
-            structures: layout::rows(blocks, structures, NAMES[4])?,
-            rings: layout::rows(blocks, rings, NAMES[5])?,
-            points: layout::rows(blocks, points, NAMES[6])?,
-            names: layout::rows(blocks, names, NAMES[7])?,
+            tiles: layout::rows(blocks, tiles, NAMES[3])?,
+            patches: layout::rows(blocks, patches, NAMES[4])?,
+            segments,
+            structures: layout::rows(blocks, structures, NAMES[5])?,
+            rings: layout::rows(blocks, rings, NAMES[6])?,
+            points: layout::rows(blocks, points, NAMES[7])?,
+            names: layout::rows(blocks, names, NAMES[8])?,
+            table_bytes: header.total_bytes,
         };
         table.check_references()?;
+        table.check_segments()?;
         Ok(table)
     }
 
@@ -200,9 +232,23 @@ impl<'a> FieldTable<'a> {
         u32::from(self.ceilings[i]) > self.facts.threshold_cells
     }
 
-    /// The visibility row of viewpoint `j`.
-    pub fn row(&self, j: usize) -> &'a [u64] {
-        &self.visibility[j * self.words_per_row..(j + 1) * self.words_per_row]
+    /// The visibility row of viewpoint `j`: what can be seen from it, whatever the direction of the camera. A view direction is a further test on the
+    /// same samples.
+    pub fn row(&self, j: usize) -> Row<'a> {
+        let viewpoint = &self.viewpoints[j];
+        let tile = viewpoint.tile as usize;
+        let seen = self.segments[tile].row(viewpoint.row as usize);
+        Row { seen, patches: self.patches_of(&self.tiles[tile]), samples: self.samples.len() }
+    }
+
+    /// First sample of each patch of a tile.
+    pub fn patches_of(&self, tile: &TileRow) -> &'a [u32] {
+        &self.patches[tile.first_patch as usize..][..tile.patches as usize]
+    }
+
+    /// Size of the table and its segments, bytes.
+    pub fn bytes(&self) -> u64 {
+        self.table_bytes + self.segments.iter().map(|segment| size_of_val(segment.memory().blocks()) as u64).sum::<u64>()
     }
 
     /// The name of a structure; bytes that are not UTF-8 are replaced.
@@ -226,21 +272,39 @@ impl<'a> FieldTable<'a> {
         if self.ceilings.len() != self.samples.len() {
             return fault(1);
         }
-        if self.visibility.len() != self.viewpoints.len() * self.words_per_row {
+        let is_placed = |row: &ViewpointRow| self.tiles.get(row.tile as usize).is_some_and(|tile| row.row < tile.rows);
+        if !self.viewpoints.iter().all(is_placed) {
+            return fault(2);
+        }
+        if !self.tiles.iter().all(|tile| fits(tile.first_patch, tile.patches, self.patches.len())) {
             return fault(3);
         }
         if !self.samples.iter().all(|sample| (sample.structure as usize) < self.structures.len()) {
             return fault(0);
         }
         if !self.rings.iter().all(|ring| fits(ring.first_point, ring.points, self.points.len())) {
-            return fault(5);
+            return fault(6);
         }
         let sound = self.structures.iter().all(|row| {
             fits(row.first_sample, row.samples, self.samples.len())
                 && fits(row.first_ring, row.rings, self.rings.len())
                 && fits(row.first_name_byte, row.name_bytes, self.names.len())
         });
-        if sound { Ok(()) } else { fault(4) }
+        if sound { Ok(()) } else { fault(5) }
+    }
+
+    fn check_segments(&self) -> Result<(), LayoutError> {
+        let (found, wanted) = (self.segments.len(), self.tiles.len());
+        if found != wanted {
+            return Err(LayoutError::Segments { found, wanted });
+        }
+        for (index, (segment, tile)) in self.segments.iter().zip(self.tiles).enumerate() {
+            let (found, wanted) = (segment.rows(), tile.rows as usize);
+            if found != wanted {
+                return Err(LayoutError::Rows { index, found, wanted });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -250,8 +314,8 @@ pub struct FieldTableMut<'a> {
     pub samples: &'a mut [SampleRow],
     pub ceilings: &'a mut [u16],
     pub viewpoints: &'a mut [ViewpointRow],
-    pub visibility: &'a mut [u64],
-    pub words_per_row: usize,
+    pub tiles: &'a mut [TileRow],
+    pub patches: &'a mut [u32],
     pub structures: &'a mut [StructureRow],
     pub rings: &'a mut [RingRow],
     pub points: &'a mut [PointRow],
@@ -259,27 +323,112 @@ pub struct FieldTableMut<'a> {
 }
 
 impl<'a> FieldTableMut<'a> {
-    /// Zeroes `blocks`, writes the header and returns the sections. `blocks` must be exactly `counts.blocks()` long.
+    /// Writes the header and returns the sections. `blocks` are zero and exactly `counts.blocks()` long.
     pub fn create(blocks: &'a mut [Block], counts: &FieldCounts, facts: FieldFacts) -> Self {
         assert_eq!(blocks.len(), counts.blocks(), "the caller sizes the table with FieldCounts::blocks");
-        blocks.fill(Block::ZERO);
         let (sections, total_bytes) = counts.sections();
         let header_bytes = size_of::<FieldHeader>();
         let header =
             FieldHeader { magic: MAGIC, schema: SCHEMA, header_bytes: header_bytes as u32, total_bytes, facts, sections };
         bytemuck::cast_slice_mut::<Block, u8>(blocks)[..header_bytes].copy_from_slice(bytemuck::bytes_of(&header));
-        let [samples, ceilings, viewpoints, visibility, structures, rings, points, names] =
+        let [samples, ceilings, viewpoints, tiles, patches, structures, rings, points, names] =
             layout::split_mut(blocks, sections, ROW_BYTES);
         Self {
             samples: bytemuck::cast_slice_mut(samples),
             ceilings: bytemuck::cast_slice_mut(ceilings),
             viewpoints: bytemuck::cast_slice_mut(viewpoints),
-            visibility: bytemuck::cast_slice_mut(visibility),
-            words_per_row: counts.words_per_row(),
+            tiles: bytemuck::cast_slice_mut(tiles),
+            patches: bytemuck::cast_slice_mut(patches),
             structures: bytemuck::cast_slice_mut(structures),
             rings: bytemuck::cast_slice_mut(rings),
             points: bytemuck::cast_slice_mut(points),
             names,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::rows::SegmentRows;
+
+    /// Two tiles of two viewpoints each over forty samples of one structure.
+    fn field() -> (Vec<Block>, Vec<Segment>) {
+        let counts =
+            FieldCounts { samples: 40, viewpoints: 4, tiles: 2, patches: 3, structures: 1, rings: 1, points: 3, name_bytes: 5 };
+        let mut blocks = vec![Block::ZERO; counts.blocks()];
+        let table = FieldTableMut::create(&mut blocks, &counts, FieldFacts::default());
+        table.structures[0] = StructureRow { samples: 40, rings: 1, name_bytes: 5, ..Default::default() };
+        table.rings[0] = RingRow { first_point: 0, points: 3 };
+        table.names.copy_from_slice(b"tower");
+        table.patches.copy_from_slice(&[0, 32, 32]);
+        let tile = |first_patch, patches| TileRow { first_patch, patches, rows: 2, ..Default::default() };
+        table.tiles.copy_from_slice(&[tile(0, 2), tile(2, 1)]);
+        for (j, viewpoint) in (0..).zip(table.viewpoints) {
+            (viewpoint.tile, viewpoint.row) = (j % 2, j / 2);
+        }
+        let segment = |rows: [&[(u32, u32)]; 2]| {
+            let mut written = SegmentRows::default();
+            for row in rows {
+                row.iter().for_each(|&(patch, bits)| written.see(patch, bits));
+                written.end_row();
+            }
+            let mut blocks = vec![Block::ZERO; written.blocks()];
+            written.write(&mut blocks);
+            Segment::open(Arc::new(blocks)).unwrap()
+        };
+        (blocks, vec![segment([&[(0, 0b101), (1, 1)], &[]]), segment([&[], &[(0, 0x81)]])])
+    }
+
+    #[test]
+    fn rows_are_found_by_tile_and_samples_by_patch() {
+        let (blocks, segments) = field();
+        let table = FieldTable::open(&blocks, &segments).unwrap();
+        let seen = |j: usize| table.row(j).samples().collect::<Vec<_>>();
+        assert_eq!([seen(0), seen(1), seen(2), seen(3)], [vec![0, 2, 32], vec![], vec![], vec![32, 39]]);
+        assert_eq!(tiles(&blocks).unwrap(), table.tiles);
+    }
+
+    #[test]
+    fn foreign_segments_are_refused() {
+        let (blocks, segments) = field();
+        assert_eq!(FieldTable::open(&blocks, &segments[..1]).unwrap_err(), LayoutError::Segments { found: 1, wanted: 2 });
+        let mut short = SegmentRows::default();
+        short.end_row();
+        let mut other = vec![Block::ZERO; short.blocks()];
+        short.write(&mut other);
+        let mixed = [segments[0].clone(), Segment::open(Arc::new(other)).unwrap()];
+        assert_eq!(FieldTable::open(&blocks, &mixed).unwrap_err(), LayoutError::Rows { index: 1, found: 1, wanted: 2 });
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+        #[test]
+        fn a_damaged_table_is_refused_or_read_without_a_fault(
+            damage in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6), end: prop::sample::Index, is_cut in 0..8,
+        ) {
+            let (mut blocks, segments) = field();
+            for (place, value) in &damage {
+                let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut blocks);
+                let place = place.index(bytes.len());
+                bytes[place] = *value;
+            }
+            if is_cut == 0 {
+                blocks.truncate(end.index(blocks.len()) + 1);
+            }
+            let _ = tiles(&blocks);
+            if let Ok(table) = FieldTable::open(&blocks, &segments) {
+                for j in 0..table.viewpoints.len() {
+                    prop_assert!(table.row(j).samples().all(|i| i < table.samples.len()));
+                }
+                for structure in table.structures {
+                    let _ = (table.name(structure), table.outline(structure).map(<[PointRow]>::len).sum::<usize>());
+                }
+            }
         }
     }
 }

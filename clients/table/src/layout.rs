@@ -1,5 +1,7 @@
 //! Sections in a slice of blocks: where they lie, and the checks before anyone reads them.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 
 /// The unit of allocation: tables start on a cache line wherever they lie.
@@ -33,6 +35,10 @@ pub enum LayoutError {
     Schema { kind: &'static str, found: u32, expected: u32 },
     #[error("the section `{section}` of the table lies outside of it or is misplaced")]
     Section { section: &'static str },
+    #[error("the table has {wanted} segments, but {found} were given")]
+    Segments { found: usize, wanted: usize },
+    #[error("segment {index} is not that of the table: it has {found} rows instead of {wanted}")]
+    Rows { index: usize, found: usize, wanted: usize },
 }
 
 /// The number of blocks that hold `bytes` bytes.
@@ -54,7 +60,7 @@ pub(crate) fn lay_out<const S: usize>(header_bytes: usize, rows: [(usize, usize)
 /// The rows of `section`, or an error that names it when it does not lie wholly inside the table on a block boundary.
 pub(crate) fn rows<'a, T: Pod>(blocks: &'a [Block], section: Section, name: &'static str) -> Result<&'a [T], LayoutError> {
     let bytes: &[u8] = bytemuck::cast_slice(blocks);
-    let range = byte_range::<T>(bytes.len(), section).ok_or(LayoutError::Section { section: name })?;
+    let range = byte_range(bytes.len(), section, size_of::<T>(), name)?;
     bytemuck::try_cast_slice(&bytes[range]).map_err(|_| LayoutError::Section { section: name })
 }
 
@@ -104,11 +110,37 @@ pub(crate) fn header<'a, H: Pod>(
     Ok(header)
 }
 
-fn byte_range<T>(table_bytes: usize, section: Section) -> Option<std::ops::Range<usize>> {
-    let start = usize::try_from(section.offset_bytes).ok()?;
-    let length = usize::try_from(section.count).ok()?.checked_mul(size_of::<T>())?;
-    let end = start.checked_add(length)?;
-    (start % Block::BYTES == 0 && end <= table_bytes).then_some(start..end)
+/// Where a section of rows of `row_bytes` lies in a table of so many bytes.
+pub(crate) fn byte_range(
+    table_bytes: usize,
+    section: Section,
+    row_bytes: usize,
+    name: &'static str,
+) -> Result<Range<usize>, LayoutError> {
+    let range = || {
+        let start = usize::try_from(section.offset_bytes).ok()?;
+        let length = usize::try_from(section.count).ok()?.checked_mul(row_bytes)?;
+        let end = start.checked_add(length)?;
+        (start % Block::BYTES == 0 && end <= table_bytes).then_some(start..end)
+    };
+    range().ok_or(LayoutError::Section { section: name })
+}
+
+/// Every table begins so, whatever its kind.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Start {
+    magic: u64,
+    schema: u32,
+    header_bytes: u32,
+    total_bytes: u64,
+}
+
+/// How many blocks the table at the start of `blocks` says to have; `None` when there are fewer.
+pub fn first_table(blocks: &[Block]) -> Option<usize> {
+    let start: &Start = bytemuck::from_bytes(bytemuck::cast_slice::<Block, u8>(blocks).get(..size_of::<Start>())?);
+    let count = usize::try_from(start.total_bytes.div_ceil(Block::BYTES as u64)).ok()?;
+    (count <= blocks.len()).then_some(count)
 }
 
 fn align_up(bytes: u64) -> u64 {

@@ -135,6 +135,7 @@ impl Domain {
         };
         let lock = DomainLock { domain: self.clone(), file };
         lock.close_to_clients();
+        self.remove_segments();
         lock.sweep_if_deserted();
         lock.open_to_clients()?;
         Ok(lock)
@@ -257,6 +258,7 @@ impl DomainLock {
     /// uses something of it: this is the process's last act.
     pub fn release(self) {
         self.close_to_clients();
+        self.domain.remove_segments();
         let deserted = self.is_deserted(Own::IsLeaving) && self.sweep();
         let _ = fs::remove_file(self.domain.root.join(LOCK_FILE));
         if deserted {

@@ -13,6 +13,7 @@ pub mod frame;
 pub mod header;
 pub mod memory;
 pub mod message;
+pub mod segment;
 pub mod service;
 
 pub use domain::{Domain, DomainError, DomainLock, LockError};

@@ -15,6 +15,12 @@ pub enum MemoryError {
         #[source]
         cause: rustix::io::Errno,
     },
+    #[error("{path:?}: {cause}; a field's segments need files in /dev/shm")]
+    Segment {
+        path: std::path::PathBuf,
+        #[source]
+        cause: std::io::Error,
+    },
 }
 
 /// Memory that must stay free for what iceoryx2 writes by itself, bytes.
@@ -43,18 +49,24 @@ fn check_free(bytes: usize, margin_bytes: u64) -> Result<(), MemoryError> {
 /// Makes the kernel provide every page under `blocks` now. A sparse shared-memory file gets its pages on the first write, and when
 /// /dev/shm is full that write kills the process; here the same fault is an error.
 pub fn populate(blocks: &mut [MaybeUninit<WireBlock>]) -> Result<(), MemoryError> {
+    // SAFETY: the same memory, byte by byte.
+    populate_bytes(unsafe { std::slice::from_raw_parts_mut(blocks.as_mut_ptr().cast(), std::mem::size_of_val(blocks)) })
+}
+
+/// As [`populate`], for any writable memory.
+pub(crate) fn populate_bytes(memory: &mut [MaybeUninit<u8>]) -> Result<(), MemoryError> {
     let page = rustix::param::page_size();
-    let start = blocks.as_mut_ptr() as usize & !(page - 1);
-    let end = blocks.as_mut_ptr_range().end as usize;
-    if blocks.is_empty() {
+    let start = memory.as_mut_ptr() as usize & !(page - 1);
+    let end = memory.as_mut_ptr_range().end as usize;
+    if memory.is_empty() {
         return Ok(());
     }
-    // SAFETY: the pages belong to a live writable mapping that holds `blocks`, and populating does not change their content.
+    // SAFETY: the pages belong to a live writable mapping that holds the memory, and populating does not change their content.
     let done = unsafe { rustix::mm::madvise(start as *mut _, end - start, rustix::mm::Advice::LinuxPopulateWrite) };
     match done {
         // Linux before 5.14 does not know the advice: then a full /dev/shm cannot be told beforehand.
         Ok(()) | Err(rustix::io::Errno::INVAL) => Ok(()),
-        Err(cause) => Err(MemoryError::Full { bytes: std::mem::size_of_val(blocks), cause }),
+        Err(cause) => Err(MemoryError::Full { bytes: memory.len(), cause }),
     }
 }
 

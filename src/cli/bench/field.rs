@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use nalgebra::{Point3, Vector3};
-use overfly_table::{Block, FieldTable};
+use overfly_table::FieldTable;
 use serde_json::json;
 
 use super::{Report, Row};
@@ -27,27 +27,26 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let stop = StopToken::default();
     let mut meter = Meter::new(form);
     let mut values: [Vec<f64>; 7] = Default::default();
-    let mut blocks: Vec<Block> = Vec::new();
+    let mut last = None;
     for round in 1..=arguments.repeat {
         meter.stage(&format!("round {round} of {}", arguments.repeat));
         let started = Instant::now();
         let (scene, _) = scene::read(&file_name, &bytes, &settings.proxy)?;
         let read = started.elapsed();
         let session = Session::new(scene, Arc::clone(&settings), &stop)?;
-        let mut survey = session.survey(&stop)?;
+        let survey = session.survey(&stop)?;
         let surveyed = started.elapsed();
-        blocks.clear();
-        blocks.resize(survey.blocks(), Block::ZERO);
         let build_started = Instant::now();
-        survey.build(&mut blocks, &stop)?;
+        let field = survey.into_snapshot(&stop)?;
         let built = build_started.elapsed();
-        let earlier = survey.snapshot(Arc::new(blocks.clone()))?;
-        let [updated, rebuilt] = edit_times(&session, &earlier, round, &stop)?;
+        let [updated, rebuilt] = edit_times(&session, &field, round, &stop)?;
+        last = Some(field);
         let steps = [read, surveyed - read, built, surveyed + built, updated, rebuilt];
         steps.iter().zip(&mut values).for_each(|(step, values)| values.push(step.as_secs_f64() * 1e3));
     }
     drop(meter);
-    let field = FieldTable::open(&blocks).expect("the survey built this table");
+    let last = last.expect("there is a round at least");
+    let field = last.field();
     let rays = pairs_in_reach(&field, &settings);
     values[6] = values[2].iter().map(|build_ms| rays as f64 / build_ms / 1e3).collect();
     let [load, survey, build, all, updated, rebuilt, rate] = values;
@@ -103,7 +102,7 @@ fn edit_times(session: &Session, earlier: &Snapshot, round: u32, stop: &StopToke
     };
     let (updated, update) = timed(&|| edited.survey_after(earlier, stop)?.into_snapshot(stop))?;
     let (rebuilt, rebuild) = timed(&|| edited.survey(stop)?.into_snapshot(stop))?;
-    debug_assert!(update.storage().blocks() == rebuild.storage().blocks());
+    debug_assert!(update.storage().is_same(rebuild.storage().as_ref()));
     Ok([updated, rebuilt])
 }
 
@@ -118,7 +117,7 @@ pub fn facts(field: &FieldTable, repeat: u32) -> Vec<(&'static str, serde_json::
         ("samples", json!(field.samples.len())),
         ("exposed", json!(field.samples.iter().filter(|sample| sample.exposed == 1).count())),
         ("viewpoints", json!(field.viewpoints.len())),
-        ("field MB", json!(std::mem::size_of_val(field.visibility) as f64 / 1e6)),
+        ("field MB", json!(field.bytes() as f64 / 1e6)),
         ("rounds", json!(repeat)),
     ]
 }

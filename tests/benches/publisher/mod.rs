@@ -8,18 +8,22 @@ use std::time::Duration;
 
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::EventId;
-use overfly_table::field::{FieldCounts, FieldFacts};
-use overfly_table::{Block, FieldTableMut};
+use overfly_table::field::{FieldCounts, FieldFacts, TileRow};
+use overfly_table::{Block, FieldTableMut, SegmentRows, TableMemory};
+use overfly_wire::segment::SegmentFile;
 use overfly_wire::service::{self, Bell, BlockPublisher, Channel, EVENT_ATTACH, EVENT_NEWS, Memory};
 use overfly_wire::{Domain, Header, Kind, WireBlock, memory};
 
 /// The scene name under which [`serve_table`] publishes.
 pub const TABLE_SCENE: &str = "bench";
 
-/// Samples of the measured field; the viewpoints follow from its size.
-const SAMPLES: usize = 16_384;
+/// What one row of a segment of the measured field sees; each segment has this one row, of a megabyte.
+const SEEN_IN_ROW: u32 = 1_000_000 / 8;
 
-/// Publishes an empty field of about `megabytes` in `domain` and hands it to every subscriber that comes, until standard input ends.
+/// Number of this process in the names of its segments.
+const INSTANCE: u64 = 1;
+
+/// Publishes a field of about `megabytes` in `domain` and hands it to every subscriber that comes, until standard input ends.
 /// `ready` is called when the first may come.
 pub fn serve_table(domain: &Domain, megabytes: usize, ready: impl FnOnce()) {
     let lock = domain.lock().expect("nobody else serves the domain");
@@ -36,11 +40,11 @@ fn serve(domain: &Domain, megabytes: usize, ready: impl FnOnce()) {
     let news = service::notifier(&service::provide_bell(&node, Bell::Clients).expect("a bell")).expect("a notifier");
     let bell = service::listener(&service::provide_bell(&node, Bell::Daemon).expect("a bell")).expect("a listener");
     let fields = service::provide_field(&node, TABLE_SCENE).expect("a service");
-    let counts =
-        FieldCounts { structures: 1, samples: SAMPLES, viewpoints: megabytes * 1_000_000 * 8 / SAMPLES, ..Default::default() };
+    let segments: Vec<SegmentFile> = (0..megabytes).map(|_| segment(domain)).collect();
+    let counts = FieldCounts { structures: 1, samples: 1, tiles: segments.len(), patches: 1, ..Default::default() };
     let memory = Memory::Fixed { blocks: counts.blocks(), samples: 2 };
     let publisher = service::publisher(&fields, memory).expect("memory for the table");
-    publish(&publisher, &counts);
+    publish(&publisher, &counts, &segments);
 
     let ended = Arc::new(AtomicBool::new(false));
     let input_ended = Arc::clone(&ended);
@@ -60,14 +64,24 @@ fn serve(domain: &Domain, megabytes: usize, ready: impl FnOnce()) {
     }
 }
 
-fn publish(publisher: &BlockPublisher, counts: &FieldCounts) {
+fn segment(domain: &Domain) -> SegmentFile {
+    let mut rows = SegmentRows::default();
+    (0..SEEN_IN_ROW).for_each(|_| rows.see(0, 1));
+    rows.end_row();
+    SegmentFile::create(domain, INSTANCE, rows.blocks(), |blocks| rows.write(blocks)).expect("memory for a segment")
+}
+
+fn publish(publisher: &BlockPublisher, counts: &FieldCounts, segments: &[SegmentFile]) {
     let mut sample = publisher.loan_slice_uninit(counts.blocks()).expect("room for the table");
     memory::populate(sample.payload_mut()).expect("memory for the table");
     sample.payload_mut().fill(MaybeUninit::new(WireBlock(Block::ZERO)));
     let bulk_bytes = (counts.blocks() * Block::BYTES) as u64;
-    *sample.user_header_mut() = Header { instance: 1, epoch: 1, bulk_bytes, ..Header::new(Kind::Field) };
+    *sample.user_header_mut() = Header { instance: INSTANCE, epoch: 1, bulk_bytes, ..Header::new(Kind::Field) };
     // SAFETY: every block was written just now.
     let mut sample = unsafe { sample.assume_init() };
-    FieldTableMut::create(WireBlock::blocks_mut(sample.payload_mut()), counts, FieldFacts::default());
+    let table = FieldTableMut::create(WireBlock::blocks_mut(sample.payload_mut()), counts, FieldFacts::default());
+    for (tile, segment) in table.tiles.iter_mut().zip(segments) {
+        *tile = TileRow { number: segment.number(), patches: 1, rows: 1, ..Default::default() };
+    }
     sample.send().expect("the table is sent");
 }

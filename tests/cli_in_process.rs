@@ -44,9 +44,39 @@ fn help_teaches_with_examples_units_and_exit_codes() {
         "not for those that are selected",
         "m300-oblique",
         "overfly rigs phantom4-rtk",
+        "--pose 10,-40,35 --velocity 6,0,0 --taken 120",
     ] {
         assert!(help.contains(word), "{word} is not in {help}");
     }
+}
+
+#[test]
+fn a_flight_goes_on_from_an_aircraft_in_the_air() {
+    let place = Place::new();
+    let scene = place.scene();
+    let plan = ["plan", &scene, "--samples", "150", "--viewpoints", "200", "--iterations", "4"];
+    place.json(&[&plan[..], &["--out", "whole"]].concat());
+    let whole: Value = serde_json::from_slice(&place.read("whole/plan.json")).unwrap();
+    let images = whole["images"].as_array().unwrap();
+    let taken = images.len() / 2;
+    let typed = |place: &Value| place.as_array().unwrap().iter().map(Value::to_string).collect::<Vec<_>>().join(",");
+    let (pose, count) = (typed(&images[taken - 1]["position_m"]), taken.to_string());
+    let aloft = ["--pose", &pose, "--taken", &count];
+    let on = place.json(&[&plan[..], &aloft, &["--flown", "whole/plan.json", "--out", "on"]].concat());
+    let on_plan: Value = serde_json::from_slice(&place.read("on/plan.json")).unwrap();
+    assert_eq!(on_plan["waypoints"][0]["position_m"], images[taken - 1]["position_m"]);
+    assert!(on_plan["images"].as_array().unwrap().len() < images.len(), "{on}");
+    let run: Value = serde_json::from_slice(&place.read("on/run.json")).unwrap();
+    assert_eq!(run["order"]["en_route"]["images_taken"], taken, "{run}");
+
+    let home = typed(&whole["waypoints"][0]["position_m"]);
+    let late = [&plan[..], &aloft, &["--flown", "whole/plan.json", "--landing", &home, "--time-left", "0.1"]].concat();
+    let message = place.fails(6, "no_plan", &late);
+    assert!(message.starts_with("land now"), "{message}");
+    let message = place.fails(2, "usage", &[&plan[..], &aloft].concat());
+    assert!(message.contains("--flown"), "{message}");
+    let inside = [&plan[..], &["--pose", "0,0,0", "--velocity", "nan,0,0"]].concat();
+    assert_eq!(place.run(&inside).status.code(), Some(2));
 }
 
 #[test]

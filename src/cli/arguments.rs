@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::edit::{Change, EditArgs, ShapeArgs, UpdateArgs};
+use super::en_route::EnRouteArgs;
 use super::values::{self, Degrees2, Meters2, Meters3, Outline};
 use crate::scene::degrade::Boundary;
 
@@ -159,13 +160,16 @@ pub struct LoadArgs {
     prints a rig file to change.\n\nExamples:\n  \
     overfly plan town.geojson --seed 7 --out flights/town\n  overfly plan town.geojson --samples 1600 --viewpoints 2000 --iterations 1000\n  \
     overfly plan town.geojson --rig phantom4-rtk --start 10,-40,35 --look 90,-30\n  \
-    overfly plan town.geojson --rig phantom4-rtk --overlap 80\n  overfly plan town --rig my-drone.toml"
+    overfly plan town.geojson --rig phantom4-rtk --overlap 80\n  overfly plan town --rig my-drone.toml\n  \
+    overfly plan town --pose 10,-40,35 --velocity 6,0,0 --taken 120 --time-left 300 --landing 0,-60,20"
 )]
 pub struct PlanArgs {
     /// Scene file, or the name of a loaded scene
     pub scene: String,
     #[command(flatten)]
     pub order: OrderArgs,
+    #[command(flatten)]
+    pub en_route: EnRouteArgs,
     /// Folder for plan.json, plan.svg and run.json; without it only the figures are printed
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -265,7 +269,7 @@ pub struct OrderArgs {
     /// Start of the flight, for the methods `refined` and `paper`; the others begin where their tour does: metres east, north, up in the scene's local frame [default: the viewpoint that captures most on its own]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub start: Option<Meters3>,
-    /// Where the camera looks at the start, for a rig with a gimbal: azimuth clockwise from north and pitch up from the horizon, degrees
+    /// Where the camera looks at the start, or at the pose, for a rig with a gimbal: azimuth clockwise from north and pitch up from the horizon, degrees
     /// [default: the direction that captures most]
     #[arg(long, value_name = "AZIMUTH,PITCH", allow_hyphen_values = true)]
     pub look: Option<Degrees2>,

@@ -48,6 +48,7 @@ pub fn order(order: &OrderArgs, given: &GivenRig) -> overfly_client::PlanOrder {
         region_m: order.region.clone().map_or(Vec::new(), |region| region.0),
         start_m: order.start.map(|start| start.0),
         start_view_deg: order.look.map(|look| look.0),
+        en_route: None,
         rig_file: given.text.clone(),
     }
 }

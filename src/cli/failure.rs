@@ -141,7 +141,9 @@ fn client_kind(error: &ClientError) -> Kind {
         ClientError::Refused { code: RefusalCode::Import | RefusalCode::Unreadable | RefusalCode::Configuration, .. } => {
             Kind::InputFile
         }
-        ClientError::Refused { code: RefusalCode::Field | RefusalCode::Plan, .. } => Kind::NoPlan,
+        ClientError::Refused { code: RefusalCode::Field | RefusalCode::Plan | RefusalCode::Hold | RefusalCode::Land, .. } => {
+            Kind::NoPlan
+        }
         ClientError::Refused { .. } => Kind::Refused,
         ClientError::Path { .. } => Kind::InputFile,
         ClientError::Domain(_) => Kind::Usage,

@@ -9,6 +9,7 @@ use overfly_wire::message::plain_scene_name;
 
 use super::arguments::OrderArgs;
 use super::bounded_file;
+use super::en_route::Flown;
 use super::failure::Failure;
 use super::progress::Meter;
 use crate::camera::{Rig, direction_of};
@@ -50,6 +51,7 @@ pub fn plan_file(
     path: &Path,
     settings: &Arc<Settings>,
     options: &PlanOptions,
+    flown: Option<&Flown>,
     stop: &StopToken,
     meter: &mut Meter,
 ) -> Result<Planned, Failure> {
@@ -70,7 +72,11 @@ pub fn plan_file(
     // The search ends with its last word of progress; what follows is the exact evaluation and the safety check.
     let search_started = Instant::now();
     let mut search_ended = search_started;
-    let plan = planner::plan(&snapshot, settings, options, stop, &mut |progress| {
+    let mut options = options.clone();
+    if let Some(flown) = flown {
+        flown.complete(&mut options, &snapshot, stop);
+    }
+    let plan = planner::plan(&snapshot, settings, &options, stop, &mut |progress| {
         search_ended = Instant::now();
         meter.search(progress);
     })?;

@@ -10,6 +10,7 @@ mod degrade;
 mod demo;
 mod edit;
 mod edit_orders;
+mod en_route;
 mod evaluate;
 mod failure;
 mod generate;

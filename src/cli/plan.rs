@@ -22,6 +22,7 @@ use crate::trajectory::plan::{Plan, StopReason};
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
     let given = rig_file::read(&arguments.order.rig)?;
     let options = in_process::options(&arguments.order, &given.rig)?;
+    let options = arguments.en_route.complete(&arguments.order, options)?;
     let scene = &arguments.scene;
     if Path::new(scene).is_file() || looks_like_path(scene) {
         plan_file(arguments, &given, &options, form)
@@ -46,7 +47,8 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
     let stop = StopToken::timed(move || begun.elapsed().as_secs_f64());
     let stopper = stop.clone();
     let interrupts = Interrupts::first(form, move || stopper.stop());
-    let planned = in_process::plan_file(Path::new(&arguments.scene), &settings, options, &stop, &mut meter)?;
+    let flown = arguments.en_route.read_flown()?;
+    let planned = in_process::plan_file(Path::new(&arguments.scene), &settings, options, flown.as_ref(), &stop, &mut meter)?;
     drop(interrupts);
     let asked = meter.asked();
     drop(meter);
@@ -59,7 +61,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
         engine: Engine::InProcess,
         edit_to_plan_s: None,
         import: serde_json::to_value(&planned.report).ok(),
-        order: Some(order_json(&arguments.order, given)),
+        order: Some(order_json(arguments, given)),
         settings: settings_file::differing(&settings),
         scene_file: std::path::absolute(&arguments.scene).ok().map(|path| path.to_string_lossy().into_owned()),
     };
@@ -67,6 +69,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
         Some(folder) => outputs::write(folder, &FileNames::of_plan(), &flight, Some(&planned.snapshot.field()))?,
         None => Vec::new(),
     };
+    remark_departure(&planned.plan, form);
     remark_cruise(&arguments.order, &planned.plan, Some(settings.flight.cruise_speed_mps), form);
     let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
     remark_shortfall(&flight, &again(arguments), Some(&heights), has_goal(arguments), form);
@@ -81,18 +84,24 @@ fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Ans
     let mut meter = Meter::new(form);
     let scene = arguments.scene.clone();
     let interrupts = Interrupts::first(form, move || daemon::cancel(domain.as_deref(), &scene));
-    let message = client.plan(&arguments.scene, &daemon::order(&arguments.order, given), &mut |note| meter.note(note))?;
+    let mut order = daemon::order(&arguments.order, given);
+    order.en_route = arguments.en_route.report(&arguments.order);
+    if order.en_route.is_some() {
+        order.start_view_deg = None;
+    }
+    let message = client.plan(&arguments.scene, &order, &mut |note| meter.note(note))?;
     drop(interrupts);
     let asked = arguments.order.iterations.or(meter.asked());
     drop(meter);
     let (plan, times) = daemon::plan_of(&message)?;
-    let flight = Flight { order: Some(order_json(&arguments.order, given)), ..daemon::flight(&plan, times, None, None) };
+    let flight = Flight { order: Some(order_json(arguments, given)), ..daemon::flight(&plan, times, None, None) };
     let mut files = Vec::new();
     if let Some(folder) = &arguments.out {
         let (written, remark) = daemon::write(&client, folder, &FileNames::of_plan(), &flight)?;
         files = written;
         remark.into_iter().for_each(|remark| form.remark(remark));
     }
+    remark_departure(&plan, form);
     remark_cruise(&arguments.order, &plan, None, form);
     remark_shortfall(&flight, &again(arguments), daemon::heights(&client, &plan).as_ref(), has_goal(arguments), form);
     Ok(answer(&flight, &files, asked))
@@ -171,8 +180,9 @@ fn remark_cruise(order: &OrderArgs, plan: &Plan, set_mps: Option<f64>, form: For
     form.remark(&format!("note: with an overlap of {percent} % the flight cruises at {cruise_mps:.2} m/s{instead}"));
 }
 
-fn order_json(order: &OrderArgs, given: &GivenRig) -> Value {
-    json!({
+fn order_json(arguments: &PlanArgs, given: &GivenRig) -> Value {
+    let order = &arguments.order;
+    let mut json = json!({
         "rig": order.rig,
         "rig_file": given.text,
         "method": order.method,
@@ -188,7 +198,18 @@ fn order_json(order: &OrderArgs, given: &GivenRig) -> Value {
         "region_m": order.region.as_ref().map(|region| &region.0),
         "start_m": order.start.map(|start| start.0),
         "start_view_deg": order.look.map(|look| look.0),
-    })
+    });
+    if arguments.en_route.pose.is_some() {
+        json["en_route"] = arguments.en_route.json();
+    }
+    json
+}
+
+/// Says how a flight begins that begins otherwise than others.
+fn remark_departure(plan: &Plan, form: Form) {
+    if let Some(remark) = planner::en_route::remark(plan) {
+        form.remark(&format!("note: {remark}"));
+    }
 }
 
 fn refuse_file_options(arguments: &PlanArgs) -> Result<(), Failure> {
@@ -196,9 +217,13 @@ fn refuse_file_options(arguments: &PlanArgs) -> Result<(), Failure> {
         ("--config", arguments.config.is_some()),
         ("--samples", arguments.sizes.samples.is_some()),
         ("--viewpoints", arguments.sizes.viewpoints.is_some()),
+        ("--flown", arguments.en_route.flown.is_some()),
     ];
     match given.into_iter().find(|(_, is_given)| *is_given) {
         None => Ok(()),
+        Some(("--flown", _)) => Err(Failure::Usage(
+            "--flown is for a scene file; for a loaded scene the daemon knows the plan that it published last".into(),
+        )),
         Some((option, _)) => Err(Failure::Usage(format!(
             "there is no file {:?}, and {option} needs one: the settings of a loaded scene are the daemon's (`overfly serve --config FILE`)",
             arguments.scene

@@ -1,13 +1,15 @@
 //! The border between wire types and domain types.
 
+use std::sync::Arc;
+
 use geo::{Coord, LineString, MultiPolygon, Polygon};
 use nalgebra::Point3;
 use overfly_wire::{
-    EditOrder, PlanOrder, Refusal, RefusalCode, SceneChanges, ShapeOrder, StructureInfo, StructureKind, ZoneInfo,
+    EditOrder, FlightReport, PlanOrder, Refusal, RefusalCode, SceneChanges, ShapeOrder, StructureInfo, StructureKind, ZoneInfo,
 };
 
 use crate::camera::{Rig, direction_of};
-use crate::planner::{Method, Objective, PlanOptions};
+use crate::planner::{EnRoute, Method, Objective, PlanError, PlanOptions};
 use crate::scene::edit::{Edit, EditError};
 use crate::scene::update::Changes;
 use crate::scene::{NoFlyZone, Scene, Shape, Structure, StructureId, ZoneSource};
@@ -38,10 +40,32 @@ pub fn plan_options(order: &PlanOrder) -> Result<PlanOptions, Refusal> {
         region_m: (!order.region_m.is_empty()).then(|| order.region_m.clone()),
         start_m: order.start_m.map(Point3::from),
         start_view: order.start_view_deg.map(|[azimuth_deg, pitch_deg]| direction_of(azimuth_deg, pitch_deg)),
+        en_route: order.en_route.as_ref().map(en_route),
         ..PlanOptions::new(rig, method, order.seed)
     };
     options.check().map_err(|error| refusal(&error))?;
     Ok(options)
+}
+
+/// An aircraft that has reported itself. What it has captured is not in its report.
+pub fn en_route(report: &FlightReport) -> EnRoute {
+    EnRoute {
+        position_m: report.position_m.into(),
+        velocity_mps: report.velocity_mps.into(),
+        view: report.view_deg.map(|[azimuth_deg, pitch_deg]| direction_of(azimuth_deg, pitch_deg)),
+        captured: Arc::default(),
+        time_left_s: report.time_left_s,
+        landing_m: report.landing_m.map(Point3::from),
+    }
+}
+
+/// Why there is no plan, for programs: whether the aircraft has to hold, or to land.
+pub fn plan_code(error: &PlanError) -> RefusalCode {
+    match error {
+        PlanError::Hold { .. } | PlanError::CannotBrake { .. } | PlanError::NoWayHome { .. } => RefusalCode::Hold,
+        PlanError::LandNow { .. } => RefusalCode::Land,
+        _ => RefusalCode::Plan,
+    }
 }
 
 /// The edit of `scene` that a client means.
@@ -144,8 +168,6 @@ fn find(scene: &Scene, structure: &str) -> Result<StructureId, Refusal> {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
     use crate::frame::LocalFrame;
 

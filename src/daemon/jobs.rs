@@ -11,12 +11,14 @@ use overfly_table::Block;
 use overfly_wire::{ProgressNote, Refusal, RefusalCode, Stage};
 
 use super::budget::{Budget, OverBudget};
+use super::convert;
 use super::crew::{self, Crew};
 use super::field_channel::{FieldChannel, FieldChannelError, FilledField};
+use super::flown::{Evaluated, UnderWay};
 use super::scene_file::{self, SceneFile};
 use super::scenes::Cause;
 use super::wake::Mail;
-use crate::planner::{self, Made, PlanError, PlanOptions, Progress, StopToken};
+use crate::planner::{self, Made, PlanError, PlanOptions, Progress, StopToken, en_route};
 use crate::scene::Scene;
 use crate::scene::anchor::Anchor;
 use crate::session::{FieldError, Findings, Session, Snapshot};
@@ -38,7 +40,7 @@ pub struct News {
     pub kind: NewsKind,
 }
 
-/// The last news of a job is everything but progress and a plan on the way.
+/// The last news of a job is everything but progress, a plan on the way and what images capture.
 #[derive(Debug)]
 pub enum NewsKind {
     Progress(ProgressNote),
@@ -46,13 +48,15 @@ pub enum NewsKind {
     Built(Box<BuiltField>),
     /// A plan that comes before the one that the job is for: not the last news.
     Interim(PlannedFlight),
+    /// What images capture that were reported as taken: not the last news.
+    Evaluated(Box<Evaluated>),
     Planned(PlannedFlight),
     Failed(Failure),
 }
 
 impl NewsKind {
     pub fn is_last(&self) -> bool {
-        !matches!(self, Self::Progress(_) | Self::Interim(_))
+        !matches!(self, Self::Progress(_) | Self::Interim(_) | Self::Evaluated(_))
     }
 }
 
@@ -122,6 +126,8 @@ pub struct Flight {
     pub options: PlanOptions,
     /// What the images of the flight see that the options go on with.
     pub record: Option<Record>,
+    /// The flight that it goes on with.
+    pub under_way: Option<UnderWay>,
     pub cause: Cause,
     /// Time that building the field took when that belongs to this request, s.
     pub field_s: f64,
@@ -199,19 +205,26 @@ impl Workshop {
             let times = times(assignment, flight, started, Instant::now());
             self.post(assignment, NewsKind::Interim(PlannedFlight { plan, times, record, remark: None }));
         };
+        let mut options = flight.options.clone();
+        if let Some((under_way, en_route)) = flight.under_way.as_ref().zip(options.en_route.as_mut()) {
+            let evaluated = under_way.evaluate(en_route, &assignment.stop).ok_or(Failure::Stopped)?;
+            self.post(assignment, NewsKind::Evaluated(Box::new(evaluated)));
+        }
         let mut search = |options: &PlanOptions| {
             let stop = &assignment.stop;
             let record = record.take();
             planner::replan(&flight.snapshot, &flight.settings, options, record, stop, &mut on_progress, &mut on_interim)
         };
-        let (Made { plan, record }, remark) = match (search(&flight.options), flight.cause) {
+        let (Made { plan, record }, remark) = match (search(&options), flight.cause) {
             // The start is that of an earlier order, and nobody asked for it in the scene as it is now.
             (Err(error @ PlanError::Start { .. }), Cause::Edit) => {
                 let remark = format!("since an edit {}; another start was chosen", without_remedy(&error));
-                (search(&PlanOptions { start_m: None, ..flight.options.clone() })?, Some(remark))
+                (search(&PlanOptions { start_m: None, ..options.clone() })?, Some(remark))
             }
             (made, _) => (made?, short_sight(flight)),
         };
+        let remarks: Vec<String> = en_route::remark(&plan).into_iter().chain(remark).collect();
+        let remark = (!remarks.is_empty()).then(|| remarks.join("; "));
         let times = times(assignment, flight, started, searched);
         Ok(PlannedFlight { plan, times, record, remark })
     }
@@ -324,7 +337,7 @@ impl From<PlanError> for Failure {
     fn from(error: PlanError) -> Self {
         match error {
             PlanError::Abandoned => Failure::Stopped,
-            other => Failure::Refused(Refusal::new(RefusalCode::Plan, other.to_string())),
+            other => Failure::Refused(Refusal::new(convert::plan_code(&other), other.to_string())),
         }
     }
 }

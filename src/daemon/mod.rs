@@ -2,7 +2,7 @@
 //!
 //! - [`main_loop`] waits for one closed set of events and hands each to [`state`], the only code that changes anything;
 //! - [`requests`] takes up what clients ask for, [`results`] what workers have found;
-//! - [`edits`] collects the edits that are not made yet;
+//! - [`edits`] collects the edits that are not made yet, [`flown`] keeps what an aircraft has reported of its flight;
 //! - [`jobs`] is the work that takes longer than the loop may pause, [`crew`] the threads it runs on;
 //! - [`field_channel`] lets a field be built where clients read it, [`ports`] are the services, [`ledger`] keeps a request that
 //!   is sent twice from running twice.
@@ -15,6 +15,7 @@ mod convert;
 mod crew;
 mod edits;
 mod field_channel;
+mod flown;
 mod jobs;
 mod ledger;
 mod main_loop;

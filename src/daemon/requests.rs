@@ -8,10 +8,11 @@ use std::time::Instant;
 use overfly_table::Block;
 use overfly_wire::codec;
 use overfly_wire::frame::{self, Limits};
-use overfly_wire::{EditOrder, Header, Kind, PlanOrder, Refusal, RefusalCode, Reply, Request, Status};
+use overfly_wire::{EditOrder, FlightReport, Header, Kind, PlanOrder, Refusal, RefusalCode, Reply, Request, Status};
 
 use super::convert;
 use super::edits::{self, Change, PendingEdit};
+use super::flown::Flown;
 use super::jobs::{FileSource, JobId};
 use super::ledger::{Outcome, Seen, Ticket};
 use super::ports::Ports;
@@ -65,7 +66,7 @@ impl Daemon {
                 Reply::Located { epoch: current.epoch, revision, bytes: current.field_bytes }
             }
             Request::Republish { scene } => {
-                let last = self.slot(scene)?.last_plan.as_ref();
+                let last = self.slot(scene)?.plans.last();
                 let message = || format!("the scene {scene:?} has no plan; ask for one with `overfly plan {scene}`");
                 let last = last.ok_or_else(|| Refusal::new(RefusalCode::UnknownScene, message()))?;
                 last.publish(ports).map_err(|error| Refusal::new(RefusalCode::Memory, error.to_string()))?;
@@ -118,6 +119,7 @@ impl Daemon {
             Request::UpdateBytes { scene, file_name, dry_run } => {
                 self.update(ticket, scene, FileSource::Bytes { file_name, bytes: bulk }, dry_run)
             }
+            Request::Progress { scene, report } => self.progress(ports, ticket, &scene, &report),
             Request::Cancel { scene } => self.cancel(ports, ticket, &scene),
             Request::Unload { scene } => self.unload(ports, ticket, &scene),
             Request::Reload => {
@@ -166,15 +168,35 @@ impl Daemon {
         if self.slot(scene)?.current.is_none() && self.slot(scene)?.loads.is_empty() {
             return Err(no_field(scene));
         }
+        let flown = match &order.en_route {
+            Some(report) => Some(self.flown_after(scene, report)?),
+            None => None,
+        };
         self.note_presence(ticket.client);
         self.supersede_search(ports, scene, "a newer plan request");
         self.supersede_queued(ports, scene, "a newer plan request");
         if let Some(slot) = self.scenes.get_mut(scene) {
             slot.orders.accept(&order);
+            slot.flown = flown;
             slot.queued = Some(Queued { ticket, order, cause: Cause::Request, taken_up: Instant::now(), field_s: 0.0 });
         }
         self.advance(ports, scene);
         Ok(())
+    }
+
+    /// Takes note of how far a flight has come: what is planned next goes on from there.
+    fn progress(&mut self, ports: &Ports, ticket: Ticket, scene: &str, report: &FlightReport) -> Result<(), Refusal> {
+        let flown = self.flown_after(scene, report)?;
+        if let Some(slot) = self.scenes.get_mut(scene) {
+            slot.flown = Some(flown);
+        }
+        self.answer(ports, ticket, &Reply::Done, false);
+        Ok(())
+    }
+
+    fn flown_after(&self, scene: &str, report: &FlightReport) -> Result<Flown, Refusal> {
+        let (slot, current) = (self.slot(scene)?, self.current(scene)?);
+        Flown::after(slot.flown.as_ref(), report, &slot.plans, &current.snapshot)
     }
 
     fn edit(&mut self, ports: &Ports, ticket: Ticket, scene: &str, edits: Vec<EditOrder>, bytes: usize) -> Result<(), Refusal> {

@@ -10,7 +10,7 @@ use super::jobs::{Assignment, BuiltField, Failure, FieldSource, JobId, News, New
 use super::ledger::Ticket;
 use super::ports::{Ports, SendError};
 use super::scene_file::SceneFile;
-use super::scenes::{Cause, Current, FieldFigures, LastPlan, Load, Orders, Queued, Search, Slot, Task};
+use super::scenes::{Cause, Current, FieldFigures, LastPlan, Load, Orders, Plans, Queued, Search, Slot, Task};
 use super::state::{Daemon, Purpose, Reading, UpdateOf, stopping, tell};
 use crate::mission::plan_table;
 use crate::scene::anchor::Anchor;
@@ -32,6 +32,12 @@ impl Daemon {
         match news.kind {
             NewsKind::Progress(_) => return self.on_progress(ports, &scene, &news),
             NewsKind::Interim(flight) => return self.on_interim(ports, &scene, flight),
+            NewsKind::Evaluated(evaluated) => {
+                if let Some(flown) = self.scenes.get_mut(&scene).and_then(|slot| slot.flown.as_mut()) {
+                    flown.note(*evaluated);
+                }
+                return;
+            }
             _ => {}
         }
         self.owners.remove(&news.job);
@@ -40,7 +46,7 @@ impl Daemon {
             (NewsKind::Built(built), task) => self.on_built(ports, &scene, *built, task),
             (NewsKind::Planned(flight), Task::Search(search)) => self.on_planned(ports, &scene, flight, *search),
             (NewsKind::Failed(failure), task) => self.on_failed(ports, &scene, failure, task),
-            (NewsKind::Progress(_) | NewsKind::Interim(_) | NewsKind::Read(_) | NewsKind::Planned(_), _) => {}
+            (_, _) => {}
         }
         self.advance(ports, &scene);
     }
@@ -64,7 +70,7 @@ impl Daemon {
                 }
             }
             NewsKind::Failed(failure) => self.on_unread(ports, news.job, failure),
-            NewsKind::Built(_) | NewsKind::Interim(_) | NewsKind::Planned(_) => {}
+            NewsKind::Built(_) | NewsKind::Interim(_) | NewsKind::Evaluated(_) | NewsKind::Planned(_) => {}
         }
     }
 
@@ -174,7 +180,7 @@ impl Daemon {
                 if let Some(slot) = self.scenes.get_mut(scene) {
                     slot.orders = Orders::default();
                     slot.queued.iter().for_each(|queued| slot.orders.accept(&queued.order));
-                    slot.last_plan = None;
+                    (slot.plans, slot.flown) = (Plans::default(), None);
                     slot.remark = None;
                 }
                 let loaded = Loaded { revision, ..loaded(scene, load, figures, field_bytes, field_s) };
@@ -279,7 +285,7 @@ impl Daemon {
         PlannedFlight { plan, times, record, .. }: PlannedFlight,
     ) -> Result<(), SendError> {
         log_plan(scene, epoch, &plan, &times);
-        let before = self.scenes.get(scene).and_then(|slot| slot.last_plan.as_ref());
+        let before = self.scenes.get(scene).and_then(|slot| slot.plans.last());
         let header = Header {
             instance: self.instance,
             epoch,
@@ -292,7 +298,7 @@ impl Daemon {
         let last = LastPlan { header, plan, times, record: Some(record) };
         let sent = last.publish(ports);
         if let Some(slot) = self.scenes.get_mut(scene) {
-            slot.last_plan = Some(last);
+            slot.publish(last);
         }
         sent
     }
@@ -302,7 +308,7 @@ impl Daemon {
         let epoch = self.next_epoch();
         let Some(slot) = self.scenes.get(scene) else { return };
         let revision = slot.current.as_ref().map_or(0, |current| current.session.revision());
-        let follows = slot.last_plan.as_ref().map_or(0, |before| before.header.epoch);
+        let follows = slot.plans.last().map_or(0, |before| before.header.epoch);
         let header = Header { instance: self.instance, epoch, follows, ..Header::new(Kind::Plan) };
         let table = plan_table::infeasible(scene, revision, reason);
         if let Err(error) = ports.publish_plan(header, table.len(), |blocks| blocks.copy_from_slice(&table)) {
@@ -318,11 +324,16 @@ impl Daemon {
         };
         match task {
             Task::Search(search) => {
-                if let Some(slot) = self.scenes.get_mut(scene).filter(|_| refusal.code == RefusalCode::Plan) {
-                    slot.orders.take_back(&search.order);
+                let is_for_now = matches!(refusal.code, RefusalCode::Hold | RefusalCode::Land);
+                let slot = self.scenes.get_mut(scene);
+                if let Some(slot) = slot.filter(|_| is_for_now || refusal.code == RefusalCode::Plan) {
+                    // The aircraft may be elsewhere when it is planned next.
+                    if !is_for_now {
+                        slot.orders.take_back(&search.order);
+                    }
                     slot.remark = (search.cause == Cause::Edit).then(|| format!("no plan since the edit: {refusal}"));
                 }
-                if search.cause == Cause::Edit && refusal.code == RefusalCode::Plan {
+                if search.cause == Cause::Edit && (is_for_now || refusal.code == RefusalCode::Plan) {
                     self.publish_infeasible(ports, scene, &refusal.message);
                 }
                 self.refuse(ports, search.ticket, refusal);

@@ -1,5 +1,6 @@
 //! What the daemon knows of each scene. Only the main thread touches it.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -9,6 +10,7 @@ use overfly_wire::{Header, PlanOrder, PlanSummary, SceneState, SceneStatus, Stru
 use super::convert;
 use super::edits::{Batch, Edits};
 use super::field_channel::FieldChannel;
+use super::flown::Flown;
 use super::jobs::{Assignment, JobId};
 use super::ledger::Ticket;
 use super::ports::{Ports, SendError};
@@ -32,7 +34,9 @@ pub struct Slot {
     /// The search that starts when nothing is being built any more.
     pub queued: Option<Queued>,
     pub orders: Orders,
-    pub last_plan: Option<LastPlan>,
+    pub plans: Plans,
+    /// The flight that is under way; `None` when nobody has reported one.
+    pub flown: Option<Flown>,
     /// What became of the last search, when that is not simply a plan as it was ordered.
     pub remark: Option<String>,
 }
@@ -115,13 +119,45 @@ pub struct Queued {
     pub field_s: f64,
 }
 
-/// The plan that was published last.
+/// The plans that were published, the last one behind all others: an aircraft may fly an earlier one.
+#[derive(Default)]
+pub struct Plans(VecDeque<LastPlan>);
+
+/// So many plans are kept: more than are published while an aircraft takes over one of them.
+const KEPT_PLANS: usize = 32;
+
+/// A plan that was published.
 pub struct LastPlan {
     pub header: Header,
     pub plan: Plan,
     pub times: RunTimes,
     /// What its images see; the search that goes on with it takes it along.
     pub record: Option<Record>,
+}
+
+impl Plans {
+    pub fn last(&self) -> Option<&LastPlan> {
+        self.0.back()
+    }
+
+    pub fn of_epoch(&self, epoch: u64) -> Option<&LastPlan> {
+        self.0.iter().find(|plan| plan.header.epoch == epoch)
+    }
+
+    /// The record of the last plan, for the search that goes on with it.
+    pub fn take_record(&mut self) -> Option<Record> {
+        self.0.back_mut().and_then(|plan| plan.record.take())
+    }
+
+    /// Adds a plan; the oldest ones go, but for the one that is `flown`. Nobody goes on with the record of any other but the last.
+    pub fn publish(&mut self, plan: LastPlan, flown: Option<u64>) {
+        self.take_record();
+        self.0.push_back(plan);
+        if self.0.len() > KEPT_PLANS {
+            let oldest = self.0.iter().position(|plan| Some(plan.header.epoch) != flown);
+            oldest.and_then(|index| self.0.remove(index));
+        }
+    }
 }
 
 impl Orders {
@@ -142,6 +178,10 @@ impl Orders {
 }
 
 impl Slot {
+    pub fn publish(&mut self, plan: LastPlan) {
+        self.plans.publish(plan, self.flown.as_ref().map(Flown::epoch));
+    }
+
     pub fn new(channel: Arc<FieldChannel>) -> Self {
         Self {
             channel,
@@ -151,7 +191,8 @@ impl Slot {
             search: None,
             queued: None,
             orders: Orders::default(),
-            last_plan: None,
+            plans: Plans::default(),
+            flown: None,
             remark: None,
         }
     }
@@ -210,7 +251,7 @@ impl Slot {
             capturable_percent: figures.map_or(0.0, |figures| figures.capturable_percent),
             field_bytes: self.current.as_ref().map_or(0, |current| current.field_bytes),
             state: self.state(),
-            plan: self.last_plan.as_ref().map(|plan| plan.summary(revision)),
+            plan: self.plans.last().map(|plan| plan.summary(revision)),
             remark: self.remark.clone(),
         }
     }

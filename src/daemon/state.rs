@@ -14,6 +14,7 @@ use super::budget::Budget;
 use super::configuration::{self, ConfigurationError};
 use super::crew::Crew;
 use super::edits::Batch;
+use super::flown::Flown;
 use super::jobs::{Assignment, FieldSource, Flight, JobId, News, Workshop};
 use super::ledger::{Ledger, Ticket};
 use super::ports::Ports;
@@ -300,14 +301,18 @@ impl Daemon {
         let mut options = convert::plan_options(&queued.order).expect("orders are checked before they are queued");
         let mut record = None;
         if queued.cause == Cause::Edit {
-            options.earlier = slot.last_plan.as_ref().map(LastPlan::waypoints);
-            record = slot.last_plan.as_mut().and_then(|plan| plan.record.take());
+            options.earlier = slot.plans.last().map(LastPlan::waypoints);
+            record = slot.plans.take_record();
+        }
+        if let Some(flown) = &slot.flown {
+            flown.go_on(&mut options, &slot.plans);
         }
         let flight = Flight {
             snapshot: current.snapshot.clone(),
             settings: current.session.settings().clone(),
             options,
             record,
+            under_way: slot.flown.as_ref().map(Flown::under_way),
             cause: queued.cause,
             field_s: queued.field_s,
         };

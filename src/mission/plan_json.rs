@@ -34,6 +34,7 @@ pub fn to_bytes(plan: &Plan) -> Vec<u8> {
         ("waypoints", one_per_line(&waypoints)),
         ("images", one_per_line(&images)),
         ("limits", plan.limits.map_or(String::new(), |limits| json(&limits))),
+        ("egress", if plan.egress.legs() > 0 { json(&plan.egress) } else { String::new() }),
         ("trajectory", trajectory.map_or(String::new(), |rows| one_per_line(&rows))),
         ("metrics", json(&metrics_entry(plan))),
     ];

@@ -6,6 +6,7 @@ use serde::{Deserialize, Deserializer};
 use super::plan_json::FORMAT;
 use crate::camera::Intrinsics;
 use crate::frame::Geodetic;
+use crate::trajectory::egress::Egress;
 use crate::trajectory::limits::{Limits, MOST_DEVIATION_M};
 use crate::trajectory::plan::{Camera, Image, Metrics, Plan, SceneStamp, StopReason, Waypoint};
 
@@ -94,6 +95,7 @@ struct PlanEntry {
     images: Vec<ImageEntry>,
     /// The trajectory follows from limits and waypoints, and is not read.
     limits: Option<Limits>,
+    egress: Option<Egress>,
     metrics: MetricsEntry,
 }
 
@@ -200,6 +202,7 @@ impl PlanEntry {
             ceilings: Vec::new(),
             goal_percent: 0.0,
             matched_goal_percent: 0.0,
+            egress: self.egress.unwrap_or_default(),
             clearance_m: 0.0,
             convergence: Vec::new(),
             stop: StopReason::Complete,

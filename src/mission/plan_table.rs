@@ -9,6 +9,7 @@ use overfly_table::{Block, PlanTable, PlanTableMut};
 use crate::camera::Intrinsics;
 use crate::frame::Geodetic;
 use crate::settings::DynamicsSettings;
+use crate::trajectory::egress::Egress;
 use crate::trajectory::limits::{Limits, MOST_DEVIATION_M, Turning};
 use crate::trajectory::plan::{Camera, Image, Iteration, Metrics, Plan, RunTimes, SceneStamp, StopReason, Waypoint};
 
@@ -116,6 +117,7 @@ pub fn from_table(table: &PlanTable<'_>) -> Result<(Plan, RunTimes), PlanTableEr
         ceilings: table.cells.iter().map(|row| row.ceiling).collect(),
         goal_percent: finite("goal", facts.goal_percent)?,
         matched_goal_percent: finite("goal of matches", facts.matched_goal_percent)?,
+        egress: egress(facts.egress, table.waypoints.len())?,
         clearance_m: finite("clearance", facts.clearance_m)?,
         convergence: table.iterations.iter().map(iteration).collect::<Result<_, _>>()?,
         stop: stop_reason(facts.stop)?,
@@ -143,6 +145,7 @@ fn facts(plan: &Plan, times: &RunTimes) -> PlanFacts {
         search_s: times.search_s,
         check_s: times.check_s,
         total_s: times.total_s,
+        egress: u64::from(plan.egress.brakes) | u64::from(plan.egress.escapes) << 1,
         clearance_m: plan.clearance_m,
         threads: times.threads.into(),
     }
@@ -206,6 +209,7 @@ fn limits_row(limits: &Limits) -> LimitsRow {
         corner_deviation_m: dynamics.corner_deviation_m,
         yaw_rate_dps: dynamics.yaw_rate_dps,
         gimbal_rate_dps: dynamics.gimbal_rate_dps,
+        entry_mps: limits.entry_mps,
     }
 }
 
@@ -225,8 +229,16 @@ fn limits(row: &LimitsRow) -> Result<Option<Limits>, PlanTableError> {
         yaw_rate_dps: row.yaw_rate_dps,
         gimbal_rate_dps: row.gimbal_rate_dps,
     };
-    let limits = Limits { turning, cruise_mps: row.cruise_mps, dynamics };
+    let limits = Limits { turning, cruise_mps: row.cruise_mps, dynamics, entry_mps: row.entry_mps };
     if limits.are_sound() { Ok(Some(limits)) } else { Err(PlanTableError::Limits { what: "limits" }) }
+}
+
+fn egress(code: u64, waypoints: usize) -> Result<Egress, PlanTableError> {
+    let egress = Egress { brakes: code & 1 != 0, escapes: code & 2 != 0 };
+    if code > 3 || egress.legs() >= waypoints.max(1) {
+        return Err(PlanTableError::Code { what: "egress", code });
+    }
+    Ok(egress)
 }
 
 fn run_times(facts: &PlanFacts) -> Result<RunTimes, PlanTableError> {
@@ -435,12 +447,12 @@ mod tests {
 
     prop_compose! {
         fn the_limits()(
-            turning in prop::sample::select(vec![Turning::Nothing, Turning::View, Turning::Nose]), cruise_mps in 0.1..100.0f64,
+            turning in prop::sample::select(vec![Turning::Nothing, Turning::View, Turning::Nose]), [cruise_mps, entry_mps] in prop::array::uniform2(0.1..100.0f64),
             [acceleration_mps2, jerk_mps3, lateral_mps2, corner_deviation_m, yaw_rate_dps, gimbal_rate_dps] in prop::array::uniform6(0.1..100.0f64),
         ) -> Limits {
             let dynamics =
                 DynamicsSettings { acceleration_mps2, jerk_mps3, lateral_mps2, corner_deviation_m, yaw_rate_dps, gimbal_rate_dps };
-            Limits { turning, cruise_mps, dynamics }
+            Limits { turning, cruise_mps, dynamics, entry_mps }
         }
     }
 
@@ -471,7 +483,7 @@ mod tests {
                 seed, rig, method,
                 cameras: vec![Camera { name: one, intrinsics, pixel_rad }, Camera { name: two, intrinsics: None, pixel_rad: 1e-3 }],
                 waypoints: waypoints.into_iter().map(|(position_m, direction)| Waypoint { position_m, direction, deviation_m }).collect(),
-                images, cells, ceilings, goal_percent, matched_goal_percent, clearance_m, stop, limits,
+                images, cells, ceilings, goal_percent, matched_goal_percent, clearance_m, stop, limits, egress: Egress::default(),
                 metrics: Metrics { length_m, movement_s, turning_s, flight_s, profile_s, battery_percent, coverage_percent, coverage_exposed_percent,
                     capturable_percent, matched_percent, information, objective, delayed_exposures: exposures[0], dropped_exposures: exposures[1], blur_px },
                 convergence: convergence.into_iter().map(|[objective, coverage_percent, length_m, turning_s]|

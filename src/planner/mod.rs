@@ -1,12 +1,16 @@
 //! The whole pipeline on one screen.
 
+pub mod en_route;
 mod options;
 mod overlap;
 mod resume;
 
+use std::sync::Arc;
+
 use nalgebra::{Point3, Unit, Vector3};
 use rayon::prelude::*;
 
+use self::en_route::Departure;
 use crate::baseline;
 use crate::camera::{Pose, Rig, Targets};
 use crate::coverage::Information;
@@ -16,6 +20,7 @@ use crate::search::leg::headed;
 use crate::search::objective::PathSums;
 use crate::search::{Outcome, Problem, Wanted, search};
 use crate::settings::Settings;
+use crate::trajectory::egress::Egress;
 use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::Exposed;
 use crate::trajectory::limits::Limits;
@@ -26,6 +31,7 @@ use crate::trajectory::route::{Found, Route};
 use crate::trajectory::safety;
 use crate::trajectory::{images, select};
 
+pub use en_route::EnRoute;
 pub use options::{MOST_BUDGET_S, Method, Objective, PlanError, PlanOptions};
 
 pub use crate::search::Progress;
@@ -74,7 +80,8 @@ pub fn replan(
     options.check()?;
     let settings = &with_goal(settings, options.goal_percent);
     let rig = &flown_rig(options, settings);
-    let wanted = Wanted { region: options.region()?, gsd_m: options.gsd_m, most_apart_m: None };
+    let captured = options.en_route.as_ref().map_or_else(Arc::default, |en_route| Arc::clone(&en_route.captured));
+    let wanted = Wanted { region: options.region()?, gsd_m: options.gsd_m, most_apart_m: None, captured };
     let (settings, most_apart_m) = &overlap::with_overlap(settings, snapshot, rig, options, &wanted)?;
     let wanted = Wanted { most_apart_m: *most_apart_m, ..wanted };
     let sight_m = wanted.sight_m(rig, snapshot.disks.range_m());
@@ -85,7 +92,10 @@ pub fn replan(
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
     }
     let matched_goal_percent = matched_goal_percent(settings, options);
-    let order = Order { snapshot, settings, options, problem: &problem, matched_goal_percent, stop };
+    let mut order = Order { snapshot, settings, options, problem: &problem, matched_goal_percent, stop, departure: None };
+    if let Some(en_route) = &options.en_route {
+        order.departure = Some(order.depart(en_route)?);
+    }
     let resumed = order.resumed();
     let mut interim = Interim { order: &order, best: None, on_interim };
     if let Some(path) = &resumed {
@@ -122,7 +132,7 @@ impl Interim<'_> {
     fn offer(&mut self, made: Made) {
         let Order { options, problem, matched_goal_percent, .. } = *self.order;
         let confirmed = made.confirmed(problem);
-        if options.within_s.is_some_and(|within_s| confirmed.duration_s > within_s) {
+        if self.order.within_s().is_some_and(|within_s| confirmed.duration_s > within_s) {
             return;
         }
         let required = Worth { captured: problem.sufficient, matched: problem.enough_matched(matched_goal_percent) };
@@ -149,9 +159,9 @@ impl Interim<'_> {
         }
         match order.on_the_way(&headed(&order.problem.rig, path), StopReason::Improved, None) {
             Ok(made) => {
-                let confirmed = made.confirmed(order.problem);
+                let Confirmed { worth, duration_s } = made.confirmed(order.problem);
                 self.offer(made);
-                confirmed
+                Confirmed { worth, duration_s: duration_s - order.before_s() }
             }
             Err(_) => order.confirmed(path),
         }
@@ -173,6 +183,8 @@ struct Order<'o> {
     problem: &'o Problem<'o>,
     matched_goal_percent: f64,
     stop: &'o StopToken,
+    /// How a flight leaves an aircraft's pose, for one that is in the air already.
+    departure: Option<Departure>,
 }
 
 impl Order<'_> {
@@ -185,11 +197,10 @@ impl Order<'_> {
     /// The plan of a flight that was found: its curve, its images and what they capture, checked for safety. With the record of the flight
     /// before an edit only what may have changed is looked at.
     fn finished(&self, Found { route, convergence, stop: reason }: Found, before: Option<Record>) -> Result<Made, PlanError> {
-        let Self { snapshot, settings, options, problem, matched_goal_percent, stop } = *self;
+        let Self { snapshot, settings, options, problem, matched_goal_percent, stop, ref departure } = *self;
         let rig = &problem.rig;
-        let limits = Limits::new(rig, &settings.flight, &settings.dynamics);
-        let deviations_m = safety::deviations_m(&route.waypoints, &limits, &snapshot.free);
-        let profile = Profile::rounded(&route.waypoints, &limits, &deviations_m);
+        let route = self.whole_route(route);
+        let (limits, deviations_m, profile) = self.timed(&route.waypoints);
         let Exposed { mut images, delayed, dropped } = images::expose(&route, rig, &profile);
         let record = match before {
             Some(before) => before.after(snapshot, problem, &images, stop),
@@ -203,10 +214,17 @@ impl Order<'_> {
             let selected = select::select(problem, record.sightings(), images.len(), enough);
             images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
         }
-        let clearance_m = safety::check(profile.curve(), &snapshot.free)?;
+        let egress = departure.as_ref().map_or_else(Egress::default, |departure| departure.egress);
+        egress.check(&profile.curve().waypoints, &limits, &snapshot.free)?;
+        let clearance_m = safety::check_behind(profile.curve(), egress.legs(), &snapshot.free)?;
+        // What belongs to no leg: the views at the start, or what was captured before a flight that begins in the air.
+        let at_start = match departure {
+            None => record.information_at_start(problem),
+            Some(_) => problem.captured_information(),
+        };
         safety::check_views(rig, &images)?;
         let blur_px = images::blur_px(&images, rig, &profile, &snapshot.free.clearance);
-        let figures = metrics(problem, settings, &route, &profile, &capture, record.information_at_start(problem));
+        let figures = metrics(problem, settings, &route, &profile, &capture, at_start);
         let waypoint =
             |(pose, &deviation_m): (&Pose, &f64)| Waypoint { position_m: pose.position, direction: pose.direction, deviation_m };
 
@@ -228,6 +246,7 @@ impl Order<'_> {
             ceilings: problem.ceilings.clone(),
             goal_percent: settings.coverage.goal_percent,
             matched_goal_percent,
+            egress,
             clearance_m,
             convergence,
             stop: reason,
@@ -239,35 +258,76 @@ impl Order<'_> {
     fn resumed(&self) -> Option<Vec<Pose>> {
         let Self { options, problem, .. } = *self;
         let earlier = options.earlier.as_ref().filter(|_| matches!(options.method, Method::Refined | Method::Paper))?;
-        let path = resume::resumed(problem, earlier, options.start_m.is_some())?;
+        let path = match &self.departure {
+            None => resume::resumed(problem, earlier, options.start_m.is_some())?,
+            Some(departure) => {
+                let from_start: Vec<Pose> = std::iter::once(departure.start()).chain(earlier.iter().copied()).collect();
+                departure.landed(problem, &resume::resumed(problem, &from_start, true)?)?
+            }
+        };
         Some(headed(&problem.rig, &path))
     }
 
     /// The paper's own method: a random tree, and the best path in it.
     fn tree_search(&self, iterations: u32, on_progress: &mut dyn FnMut(&Progress)) -> Result<Outcome, PlanError> {
         let Self { options, problem, stop, .. } = *self;
-        let start = start_pose(problem, options, stop)?;
+        let start = match &self.departure {
+            None => start_pose(problem, options, stop)?,
+            Some(departure) => departure.start(),
+        };
         let confirm = |path: &[Pose]| self.confirmed(path).worth.captured;
         Ok(search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?)
     }
 
-    /// What a finished path is really worth, by exact rays from its images.
+    /// What a finished path is really worth, by exact rays from its images; of a flight that begins in the air the part that is searched.
     fn confirmed(&self, path: &[Pose]) -> Confirmed {
         let Self { snapshot, problem, stop, .. } = *self;
-        let profile = self.profile(path);
-        let route = Route::continuous(path, &problem.rig, problem.spacing);
+        let route = self.whole_route(Route::continuous(path, &problem.rig, problem.spacing));
+        let (_, _, profile) = self.timed(&route.waypoints);
         let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
         let worth = evaluate::sightings(snapshot, &problem.disks, &images, stop).map_or(Worth::default(), |sightings| {
             let Capture { captured, matched, .. } = sightings.capture(problem, |_| true);
             Worth { captured, matched }
         });
-        Confirmed { worth, duration_s: profile.duration_s() }
+        Confirmed { worth, duration_s: profile.duration_s() - self.before_s() }
     }
 
-    /// The profile of the curve that is flown.
+    /// Time until the part of the flight begins that is searched, s.
+    fn before_s(&self) -> f64 {
+        self.departure.as_ref().map_or(0.0, Departure::stops_s)
+    }
+
+    /// The profile of the curve that is flown, with all that comes before the part of it that is searched.
     fn profile(&self, path: &[Pose]) -> Profile {
-        let limits = Limits::new(&self.problem.rig, &self.settings.flight, &self.settings.dynamics);
-        Profile::rounded(path, &limits, &safety::deviations_m(path, &limits, &self.snapshot.free))
+        match &self.departure {
+            None => self.timed(path).2,
+            Some(departure) => self.timed(&departure.whole(path)).2,
+        }
+    }
+
+    /// A whole path as it is flown: its limits, how far the arcs may pass from the corners, m, and its profile.
+    fn timed(&self, path: &[Pose]) -> (Limits, Vec<f64>, Profile) {
+        let mut limits = Limits::new(&self.problem.rig, &self.settings.flight, &self.settings.dynamics);
+        let mut deviations_m = safety::deviations_m(path, &limits, &self.snapshot.free);
+        if let Some(departure) = &self.departure {
+            limits.entry_mps = departure.entry_mps();
+            deviations_m = departure.stopped(deviations_m);
+        }
+        let profile = Profile::rounded(path, &limits, &deviations_m);
+        (limits, deviations_m, profile)
+    }
+
+    fn whole_route(&self, route: Route) -> Route {
+        match &self.departure {
+            None => route,
+            Some(departure) => departure.whole_route(route),
+        }
+    }
+
+    /// The most time that the flight may take, s.
+    fn within_s(&self) -> Option<f64> {
+        let left_s = self.options.en_route.as_ref().and_then(|en_route| en_route.time_left_s);
+        [self.options.within_s, left_s].into_iter().flatten().reduce(f64::min)
     }
 }
 
@@ -301,20 +361,33 @@ fn refined(
         (Some(seconds), Some(begun_s)) => Budget::Until(begun_s + seconds),
         (Some(_), None) => return Err(PlanError::NoClock),
     };
-    let (aim, counting) = match (options.objective, options.within_s) {
-        (Objective::Eq6, _) => (Aim::MostObjective, Counting::Everything),
-        (Objective::Time, Some(within_s)) => (Aim::MostCoverage { within_ns: (within_s * 1e9) as u64 }, Counting::Captured),
-        (Objective::Time, None) => {
-            let counting = if matched > 0 { Counting::Matched } else { Counting::Captured };
-            (Aim::LeastTime { required: Worth { captured: problem.sufficient, matched } }, counting)
+    let counting = if matched > 0 { Counting::Matched } else { Counting::Captured };
+    let required = Worth { captured: problem.sufficient, matched };
+    let left_s = order.departure.as_ref().and_then(Departure::search_left_s);
+    let within_ns = |within_s: f64| (within_s * 1e9) as u64;
+    let (aim, counting) = match (options.objective, options.within_s, left_s) {
+        (Objective::Eq6, ..) => (Aim::MostObjective, Counting::Everything),
+        (Objective::Time, Some(within_s), left_s) => {
+            let within_s = left_s.map_or(within_s, |left_s| within_s.min(left_s));
+            (Aim::MostCoverage { within_ns: within_ns(within_s) }, Counting::Captured)
         }
+        (Objective::Time, None, Some(left_s)) => (Aim::LeastTimeWithin { required, within_ns: within_ns(left_s) }, counting),
+        (Objective::Time, None, None) => (Aim::LeastTime { required }, counting),
     };
-    let ground = Ground::new(problem, settings, options.start_m.is_some(), counting);
+    let mut ground = Ground::new(problem, settings, options.start_m.is_some(), counting);
+    let home = order.departure.as_ref().map(|departure| order.way_home(departure)).transpose()?;
+    if let Some(departure) = &order.departure {
+        (ground.fixed, ground.takes_at_ends) = (departure.fixed(), departure.takes_at_ends());
+        ground.limits.entry_mps = departure.search_entry_mps();
+    }
     let is_resumed = resumed.is_some();
     let path = match resumed {
         Some(path) => path,
         None => {
             let mut tree = order.tree_search(settings.refine.tree_iterations, &mut |_| {})?;
+            if let Some((departure, home)) = order.departure.as_ref().zip(home.as_ref()) {
+                tree.path = departure.landed(problem, &tree.path).unwrap_or_else(|| home.clone());
+            }
             if tree.path.len() < 2 {
                 // One view may capture enough; it never matches anything.
                 if matched > 0 && tree.stop == StopReason::GoalReached {
@@ -326,11 +399,14 @@ fn refined(
         }
     };
     let task = Task { aim, budget, seed: options.seed, is_resumed };
-    let outcome = refine::refine(&ground, &path, &task, stop, &mut |path| interim.confirmed(path), on_progress);
-    if let Some(within_s) = options.within_s {
+    let mut outcome = refine::refine(&ground, &path, &task, stop, &mut |path| interim.confirmed(path), on_progress);
+    if let Some(within_s) = order.within_s() {
         let least_s = order.profile(&outcome.path).duration_s();
-        if least_s > within_s {
-            return Err(PlanError::TooShort { within_s, least_s });
+        match home {
+            _ if least_s <= within_s => {}
+            // Whatever else there is not the time for: there is for this.
+            Some(home) if order.profile(&home).duration_s() <= within_s => outcome.path = headed(&problem.rig, &home),
+            _ => return Err(PlanError::TooShort { within_s, least_s }),
         }
     }
     Ok(Found::of(outcome, problem))
@@ -359,6 +435,14 @@ fn start_pose(problem: &Problem, options: &PlanOptions, stop: &StopToken) -> Res
     let best = positions.par_iter().enumerate().map(alone).collect::<Option<Vec<_>>>().ok_or(PlanError::Abandoned)?;
     let (_, index, direction) = best.into_iter().max().expect("there is a position");
     Ok(Pose { position: positions[index.0], direction: directions[direction] })
+}
+
+/// The direction in which a camera on a gimbal gains most by itself at a position; of equal ones the first.
+fn best_direction(problem: &Problem, position: &Point3<f64>) -> Unit<Vector3<f64>> {
+    let directions = problem.rig.pose_directions();
+    let gains = gains_alone(problem, *position, &directions);
+    let best = gains.into_iter().enumerate().rev().max_by_key(|&(_, gain)| gain);
+    best.and_then(|(index, _)| directions[index]).unwrap_or(-Vector3::z_axis())
 }
 
 /// What a view in each direction gains by itself at a position.

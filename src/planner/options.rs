@@ -3,6 +3,7 @@
 use geo::{Area, Coord, LineString, Polygon, Validation};
 use nalgebra::{Point3, Unit, Vector3};
 
+use super::en_route::{EnRoute, MOST_SPEED_MPS};
 use crate::baseline::BaselineError;
 use crate::camera::{Cameras, Pose, Rig, pitch_rad};
 use crate::scene::free_space::Obstruction;
@@ -48,6 +49,8 @@ pub struct PlanOptions {
     /// Waypoints of an earlier flight over the scene as it was. For the methods `refined` and `paper` what can still be flown of it is a plan at
     /// once ([`super::replan`]), and the refinement goes on with it; `None` begins anew.
     pub earlier: Option<Vec<Pose>>,
+    /// For the method `refined`: an aircraft that is in the air already; `None` for a flight that begins at rest.
+    pub en_route: Option<EnRoute>,
 }
 
 impl PlanOptions {
@@ -69,6 +72,7 @@ impl PlanOptions {
             start_m: None,
             start_view: None,
             earlier: None,
+            en_route: None,
         }
     }
 
@@ -95,6 +99,10 @@ impl PlanOptions {
                 return Err(PlanError::Goal { goal_percent });
             }
         }
+        let time_left_s = self.en_route.as_ref().and_then(|en_route| en_route.time_left_s);
+        if let Some(seconds) = time_left_s.filter(|seconds| !(*seconds > 0.0 && *seconds <= MOST_BUDGET_S)) {
+            return Err(PlanError::Seconds { seconds });
+        }
         let has_goal = self.goal_percent.or(self.matched_percent).or(self.within_s).is_some();
         if self.objective == Objective::Eq6 && (self.method != Method::Refined || has_goal) {
             return Err(PlanError::Eq6);
@@ -106,8 +114,9 @@ impl PlanOptions {
             return Err(PlanError::SamplingDistance { gsd_m });
         }
         self.check_overlap()?;
+        self.check_en_route()?;
         self.region().map(|_| ())?;
-        let Some(view) = self.start_view else { return Ok(()) };
+        let Some(view) = self.view() else { return Ok(()) };
         let rig = self.rig.name.clone();
         let Cameras::Gimbal { sin_pitch, .. } = &self.rig.cameras else { return Err(PlanError::NoGimbal { rig }) };
         if self.rig.reaches(&view) {
@@ -119,6 +128,22 @@ impl PlanOptions {
 }
 
 impl PlanOptions {
+    /// Where a camera on a gimbal looks at first, if anybody says so.
+    fn view(&self) -> Option<Unit<Vector3<f64>>> {
+        self.en_route.as_ref().map_or(self.start_view, |en_route| en_route.view)
+    }
+
+    fn check_en_route(&self) -> Result<(), PlanError> {
+        let Some(en_route) = &self.en_route else { return Ok(()) };
+        if self.method != Method::Refined || self.objective != Objective::Time {
+            return Err(PlanError::NotEnRoute);
+        }
+        if self.start_m.is_some() || self.start_view.is_some() {
+            return Err(PlanError::TwoStarts);
+        }
+        en_route.check()
+    }
+
     fn check_overlap(&self) -> Result<(), PlanError> {
         let Some(percent) = self.overlap_percent else { return Ok(()) };
         if !(percent > 0.0 && percent < 100.0) {
@@ -282,6 +307,32 @@ pub enum PlanError {
          ask for less (region, ground sampling distance), raise `flight.legal_ceiling_m` ({ceiling_m} m) or `coverage.range_m`, or take a rig with a wider view"
     )]
     NothingCapturable { rig: String, range_m: f64, ceiling_m: f64 },
+    #[error(
+        "only the method \"refined\" with the objective \"time\" goes on from an aircraft in the air; ask for these, or plan from a start at rest"
+    )]
+    NotEnRoute,
+    #[error("a flight begins either at a start, at rest, or at the pose of an aircraft in the air; give one of them")]
+    TwoStarts,
+    #[error(
+        "the pose of the aircraft will not do: it moves at {speed_mps} m/s; give finite metres in the scene's frame, and at most {most} m/s", most = MOST_SPEED_MPS
+    )]
+    Pose { speed_mps: f64 },
+    #[error("the flight cannot end at ({position}): {cause}; give a safe place above the one to land at, or none")]
+    Landing { position: String, cause: Obstruction },
+    #[error(
+        "hold: from ({position}) the aircraft meets something within the {braking_m:.1} m that it needs to brake; brake as hard as it can, and ask again from \
+         where it is at rest"
+    )]
+    CannotBrake { position: String, braking_m: f64 },
+    #[error(
+        "hold: at ({position}) the aircraft is where it must not be ({cause}), and no straight way out was found that does not lead nearer to something; \
+         correct the scene, or fly it out by hand"
+    )]
+    Hold { position: String, cause: Obstruction },
+    #[error("no safe way to the landing place ({landing}) was found; hold, and give another one")]
+    NoWayHome { landing: String },
+    #[error("land now: the shortest safe way to the end of the flight takes {way_s:.1} s, and {left_s:.1} s are left")]
+    LandNow { left_s: f64, way_s: f64 },
     #[error("the computation was abandoned")]
     Abandoned,
     #[error(transparent)]

@@ -43,7 +43,7 @@ pub fn resumed(problem: &Problem, earlier: &[Pose], is_start_fixed: bool) -> Opt
 }
 
 /// The waypoints between two others, none where the straight leg can be flown; `None` where there is no way.
-fn way(problem: &Problem, from: &Pose, to: &Pose) -> Option<Vec<Pose>> {
+pub(super) fn way(problem: &Problem, from: &Pose, to: &Pose) -> Option<Vec<Pose>> {
     let free = problem.free;
     let can_fly = |a: &Pose, b: &Pose| problem.is_flyable(a, b) && free.is_leg_safe(&a.position, &b.position);
     if can_fly(from, to) {

@@ -31,6 +31,11 @@ pub enum Aim {
     MostCoverage {
         within_ns: u64,
     },
+    /// The least time at a coverage if it can be had within a time, else the most coverage within it.
+    LeastTimeWithin {
+        required: Worth,
+        within_ns: u64,
+    },
     /// Eq. 6, whatever it covers and takes.
     MostObjective,
 }
@@ -40,7 +45,8 @@ impl Aim {
     pub fn is_met_by(&self, really: &Confirmed) -> bool {
         match *self {
             Self::LeastTime { required } => really.worth.is_enough(required),
-            Self::MostCoverage { within_ns } => really.duration_s * 1e9 <= within_ns as f64,
+            Self::MostCoverage { within_ns } => really.is_within(within_ns),
+            Self::LeastTimeWithin { required, within_ns } => really.is_within(within_ns) && really.worth.is_enough(required),
             Self::MostObjective => true,
         }
     }
@@ -111,6 +117,7 @@ impl<'a> Annealing<'a> {
         let (required, within_ns) = match aim {
             Aim::LeastTime { required } => (ground.share_of(required), u64::MAX),
             Aim::MostCoverage { within_ns } => (ground.most, within_ns),
+            Aim::LeastTimeWithin { required, within_ns } => (ground.share_of(required), within_ns),
             Aim::MostObjective => (Worth::default(), u64::MAX),
         };
         let price_ns =
@@ -149,27 +156,25 @@ impl<'a> Annealing<'a> {
     /// Takes note of what the best flight is really worth, and demands from now on what makes up for the difference; the search for the best
     /// flight begins anew from there. At the end no demand falls: what one measure has to spare is soon lost while the other one is mended.
     pub fn calibrate(&mut self, really: &Confirmed, is_end: bool) {
-        match self.aim {
-            Aim::LeastTime { required } => {
-                let (most, seemingly, before) = (self.ground.most, self.best.worth, self.demand.required);
-                let [required, really] = [required, really.worth].map(|worth| self.ground.share_of(worth));
-                let demanded = |[required, seemingly, really, most, before]: [u32; 5]| {
-                    let least = if is_end { before } else { 1 };
-                    if required == 0 { 0 } else { (required + seemingly).saturating_sub(really).max(least).clamp(1, most.max(1)) }
-                };
-                let all = [required, seemingly, really, most, before];
-                self.demand.required = Worth {
-                    captured: demanded(all.map(|worth| worth.captured)),
-                    matched: demanded(all.map(|worth| worth.matched)),
-                };
-            }
-            Aim::MostCoverage { within_ns } => {
-                // Arcs that had to be tighter take longer.
-                let longer_ns = ((really.duration_s * 1e9) as u64).saturating_sub(self.best.duration_ns);
-                self.within_ns = within_ns.saturating_sub(longer_ns);
-            }
-            // What it really covers changes nothing about what is wanted.
-            Aim::MostObjective => return,
+        // What it really covers changes nothing about what Eq. 6 wants.
+        if self.aim == Aim::MostObjective {
+            return;
+        }
+        if let Aim::LeastTime { required } | Aim::LeastTimeWithin { required, .. } = self.aim {
+            let (most, seemingly, before) = (self.ground.most, self.best.worth, self.demand.required);
+            let [required, really] = [required, really.worth].map(|worth| self.ground.share_of(worth));
+            let demanded = |[required, seemingly, really, most, before]: [u32; 5]| {
+                let least = if is_end { before } else { 1 };
+                if required == 0 { 0 } else { (required + seemingly).saturating_sub(really).max(least).clamp(1, most.max(1)) }
+            };
+            let all = [required, seemingly, really, most, before];
+            self.demand.required =
+                Worth { captured: demanded(all.map(|worth| worth.captured)), matched: demanded(all.map(|worth| worth.matched)) };
+        }
+        if let Aim::MostCoverage { within_ns } | Aim::LeastTimeWithin { within_ns, .. } = self.aim {
+            // Arcs that had to be tighter take longer.
+            let longer_ns = ((really.duration_s * 1e9) as u64).saturating_sub(self.best.duration_ns);
+            self.within_ns = within_ns.saturating_sub(longer_ns);
         }
         self.begin_anew(&self.best.path.clone());
     }
@@ -182,7 +187,7 @@ impl<'a> Annealing<'a> {
         *captured *= share(before.captured, ground.most.captured);
         *matched *= share(before.matched, ground.most.matched);
         *required = match self.aim {
-            Aim::LeastTime { required } => ground.share_of(required),
+            Aim::LeastTime { required } | Aim::LeastTimeWithin { required, .. } => ground.share_of(required),
             Aim::MostCoverage { .. } => ground.most,
             Aim::MostObjective => Worth::default(),
         };
@@ -245,7 +250,7 @@ impl<'a> Annealing<'a> {
 
     /// The flight in parts, the border between two of them elsewhere in every round.
     fn sectors(&self) -> Vec<Sector> {
-        let first = usize::from(self.ground.is_start_fixed);
+        let [first, last] = self.ground.fixed;
         let count = self.flight.waypoints.len();
         let sectors = (self.ground.settings.sectors as usize).min(count / LEAST_SECTOR).max(1);
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
@@ -254,7 +259,7 @@ impl<'a> Annealing<'a> {
         // The waypoint at a border belongs to no sector.
         let border = |k: usize| ((k as f64 + shift) * count as f64 / sectors as f64) as usize;
         let head = |k: usize| if k == 0 { first } else { border(k) + 1 };
-        let tail = |k: usize| if k + 1 == sectors { 0 } else { count - border(k + 1) };
+        let tail = |k: usize| if k + 1 == sectors { last } else { count - border(k + 1) };
         (0..sectors).map(|k| Sector { head: head(k), tail: tail(k) }).collect()
     }
 
@@ -274,6 +279,8 @@ impl<'a> Annealing<'a> {
                 Aim::LeastTime { .. } => {
                     (worth < required, f64::from(worth.saturating_sub(required)) > LAVISH_SHARE * f64::from(most))
                 }
+                // Nothing is worth the time that there is not.
+                Aim::LeastTimeWithin { .. } => (worth < required && is_early, false),
                 Aim::MostCoverage { .. } | Aim::MostObjective => (is_early, false),
             };
             let factor = match (is_short, is_lavish) {
@@ -298,10 +305,12 @@ impl<'a> Annealing<'a> {
                 let required = self.demand.required;
                 (worth.counted(required).sum(), best.duration_ns) > (best.worth.counted(required).sum(), duration_ns)
             }
-            Aim::MostCoverage { .. } => {
+            // Of the most coverage all counts that there can be.
+            Aim::MostCoverage { .. } | Aim::LeastTimeWithin { .. } => {
                 let excess_ns = |duration_ns: u64| duration_ns.saturating_sub(self.within_ns);
-                (excess_ns(best.duration_ns), worth.sum(), best.duration_ns)
-                    > (excess_ns(duration_ns), best.worth.sum(), duration_ns)
+                let counted = |worth: Worth| worth.counted(self.demand.required).sum();
+                (excess_ns(best.duration_ns), counted(worth), best.duration_ns)
+                    > (excess_ns(duration_ns), counted(best.worth), duration_ns)
             }
             Aim::MostObjective => self.present().objective > best.record.objective,
         };
@@ -314,7 +323,7 @@ impl<'a> Annealing<'a> {
     fn present(&self) -> Iteration {
         let problem = self.ground.problem;
         let Totals { information, captured, .. } = self.flight.counts.cells.totals();
-        let information = information.saturating_sub(self.flight.at_start());
+        let information = information.saturating_sub(self.flight.at_start() + self.ground.captured_information);
         let sums = PathSums { information, ..problem.objective.travel(&self.flight.path()) };
         Iteration {
             objective: problem.objective.value(&sums),
@@ -335,7 +344,7 @@ fn join(ground: &Ground, flights: &mut [&mut Flight], sectors: &[Sector]) {
     for (k, (flight, sector)) in flights.iter().zip(sectors).enumerate() {
         // The waypoint before a sector leaves along the sector's first leg.
         let from = if k == 0 { 0 } else { sector.head - 1 };
-        let to = flight.waypoints.len() - sector.tail;
+        let to = if k + 1 == sectors.len() { flight.waypoints.len() } else { flight.waypoints.len() - sector.tail };
         waypoints.extend(flight.waypoints[from.min(to)..to].iter().cloned());
     }
     flights.par_iter_mut().enumerate().for_each(|(own, flight)| {

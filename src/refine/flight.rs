@@ -60,9 +60,11 @@ pub struct Prices {
 
 impl Flight {
     pub fn new(ground: &Ground, path: &[Pose]) -> Self {
+        let [at_first, at_last] = ground.takes_at_ends;
+        let takes = |k: usize| (k > 0 || at_first) && (k + 1 < path.len() || at_last);
         let waypoint = |k: usize| Waypoint {
             pose: path[k],
-            seen: ground.at_waypoint(&path[k], Look::Rays),
+            seen: if takes(k) { ground.at_waypoint(&path[k], Look::Rays) } else { Arc::clone(&ground.nothing) },
             leg: path.get(k + 1).map_or_else(|| Arc::clone(&ground.nothing), |next| ground.on_leg(&path[k], next, Look::Rays)),
         };
         Self::of_waypoints(ground, (0..path.len()).into_par_iter().map(waypoint).collect())
@@ -122,6 +124,9 @@ impl Flight {
             return trial;
         }
         timeline.retime(retimed, splice.range.clone(), splice.stops.len(), |k| draft.pose(k));
+        if !retimed.keeps_entry {
+            return trial;
+        }
         let longer_ns = retimed.total_ns as f64 - timeline.total_ns() as f64;
         // The shortfall with which the flight is as good as before, and the one with which it may be made.
         let [even, most] = pursuit.allowed(ground, waypoints, counts, &draft, [longer_ns, most_ns]);

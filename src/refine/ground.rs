@@ -9,7 +9,7 @@ use super::counts::{Counts, Worth};
 use super::matches::MatchCounts;
 use super::sights::Sights;
 use crate::camera::{Cameras, Pose, Targets};
-use crate::coverage::{Bearing, Mask, Matching};
+use crate::coverage::{Bearing, Information, Mask, Matching};
 use crate::search::Problem;
 use crate::search::leg::image_poses;
 use crate::settings::{RefineSettings, Settings};
@@ -22,8 +22,10 @@ pub struct Ground<'a> {
     pub limits: Limits,
     /// Whether cameras are bolted on, so that they look where the leg leads.
     pub is_rigid: bool,
-    /// Whether the flight has to begin where it does.
-    pub is_start_fixed: bool,
+    /// So many waypoints at the beginning of the flight, and at its end, have to stay as they are.
+    pub fixed: [usize; 2],
+    /// Whether images are taken at the first waypoint and at the last one.
+    pub takes_at_ends: [bool; 2],
     /// Samples that can be captured, and the ones that are to be matched.
     pub wanted: Vec<u32>,
     /// How many samples there are for each one that is looked at.
@@ -42,6 +44,10 @@ pub struct Ground<'a> {
     /// Viewpoints of the field that see each sample.
     pub seers: Vec<Vec<u32>>,
     pub nothing: Arc<Sights>,
+    /// What images saw that were taken before the flight.
+    captured: Arc<Sights>,
+    /// Area-weighted cells that these cover.
+    pub captured_information: Information,
 }
 
 /// The wanted samples of a row of the field, with their positions.
@@ -78,26 +84,31 @@ impl<'a> Ground<'a> {
             is_matched || problem.is_capturable(i) || counting == Counting::Everything
         };
         let samples = problem.frames.len();
+        let (before, _) = problem.captured_cells();
         let mut ground = Self {
             problem,
             settings: &settings.refine,
             limits: Limits::new(&problem.rig, &settings.flight, &settings.dynamics),
             is_rigid: matches!(problem.rig.cameras, Cameras::Rigid(_)),
-            is_start_fixed,
+            fixed: [usize::from(is_start_fixed), 0],
+            takes_at_ends: [true; 2],
             wanted: (0..samples as u32).filter(|&i| is_wanted(i as usize)).collect(),
             stride: 1,
             most: Worth::default(),
             most_of_all: Worth::default(),
             rows: Vec::new(),
-            thresholds: (0..samples).map(|i| raised_threshold(problem, &settings.refine, i)).collect(),
+            thresholds: (0..samples).map(|i| raised_threshold(problem, &settings.refine, i, before[i])).collect(),
             is_matching: (0..samples).map(|i| counting == Counting::Matched && problem.matchable[i]).collect(),
             areas_mm2: problem.areas_mm2.as_slice().into(),
             matching: Matching::within(&settings.quality, settings.refine.margin_parallax_deg),
             seers: Vec::new(),
             nothing: Arc::new(Sights::default()),
+            captured: Arc::new(captured(problem)),
+            captured_information: 0,
         };
         ground.survey();
         ground.most_of_all = ground.most;
+        ground.captured_information = ground.counts().cells.totals().information;
         ground
     }
 
@@ -118,6 +129,7 @@ impl<'a> Ground<'a> {
             areas_mm2: Arc::clone(&self.areas_mm2),
             seers: Vec::new(),
             nothing: Arc::clone(&self.nothing),
+            captured: Arc::clone(&self.captured),
             ..*self
         };
         ground.survey();
@@ -141,12 +153,14 @@ impl<'a> Ground<'a> {
         self.most = self.counts().most();
     }
 
-    /// Empty counters.
+    /// Counters of what was captured before the flight.
     pub fn counts(&self) -> Counts {
-        Counts {
+        let mut counts = Counts {
             cells: CellCounts::new(Arc::clone(&self.thresholds), Arc::clone(&self.areas_mm2)),
             matches: MatchCounts::new(self.matching, Arc::clone(&self.is_matching)),
-        }
+        };
+        counts.add(&self.captured);
+        counts
     }
 
     /// As many of the samples that are looked at as are the same share of them as `of_all` is of all.
@@ -222,10 +236,26 @@ impl<'a> Ground<'a> {
     }
 }
 
+/// What images saw that were taken before the flight, as if one had taken all of it: nobody takes a single one of them away again.
+fn captured(problem: &Problem) -> Sights {
+    let mut sights = Sights::default();
+    for i in 0..problem.frames.len() {
+        // The cells of all of them count once.
+        let mut cells = problem.captured_views(i).iter().fold(0, |cells, (mask, _)| cells | mask);
+        for &(_, bearing) in problem.captured_views(i) {
+            sights.push(i as u32, std::mem::take(&mut cells), bearing);
+        }
+    }
+    sights
+}
+
 /// Cells that a sample must exceed while a flight is improved: more than the problem wants by a margin, as far as it can have them, so that an
-/// image that is taken half a metre away, on the arc of a corner or in a gust, does not lose it.
-fn raised_threshold(problem: &Problem, settings: &RefineSettings, i: usize) -> u32 {
+/// image that is taken half a metre away, on the arc of a corner or in a gust, does not lose it. One that the cells `before` the flight capture is captured.
+fn raised_threshold(problem: &Problem, settings: &RefineSettings, i: usize, before: Mask) -> u32 {
     let (threshold, ceiling) = (problem.thresholds[i], u32::from(problem.ceilings[i]));
+    if before.count_ones() > threshold {
+        return threshold;
+    }
     match ceiling.checked_sub(threshold + 1) {
         Some(most) => threshold + settings.margin_cells.min(most),
         None => threshold,

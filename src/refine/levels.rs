@@ -33,7 +33,7 @@ impl<'l, 'a> Levels<'l, 'a> {
         let most = match aim {
             // Eq. 6 sums over all samples.
             Aim::MostObjective => 1,
-            Aim::LeastTime { .. } | Aim::MostCoverage { .. } => all.wanted.len() / all.settings.coarse_samples.max(1) as usize,
+            _ => all.wanted.len() / all.settings.coarse_samples.max(1) as usize,
         };
         let stride = 1 << most.max(1).ilog2();
         let between = if stride >= LEAST_STRIDE_BETWEEN { 1 << (stride.ilog2() / 2) } else { 1 };

@@ -58,6 +58,12 @@ pub struct Confirmed {
     pub duration_s: f64,
 }
 
+impl Confirmed {
+    fn is_within(&self, within_ns: u64) -> bool {
+        self.duration_s * 1e9 <= within_ns as f64
+    }
+}
+
 /// Rounds where nobody asks for a number: the setting for scenes of the reference scene's size, more for larger ones.
 pub fn rounds_of(settings: &Settings, problem: &Problem) -> u32 {
     let size = problem.field.facts.reference_area_m2 / settings.objective.reference_area_m2;
@@ -140,7 +146,7 @@ pub fn refine(
     for repair in 0..=REPAIRS {
         let really = confirm(&annealing.best().path);
         if aim.is_met_by(&really) {
-            if matches!(aim, Aim::LeastTime { .. }) {
+            if matches!(aim, Aim::LeastTime { .. } | Aim::LeastTimeWithin { .. }) {
                 reason = StopReason::GoalReached;
             }
             break;

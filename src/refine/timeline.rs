@@ -33,6 +33,8 @@ pub struct Retimed {
     old: Range<usize>,
     fresh: Vec<Station>,
     pub total_ns: u64,
+    /// Whether the flight can begin with the speed that the drone has.
+    pub keeps_entry: bool,
 }
 
 /// Which waypoints a change replaces by how many.
@@ -95,6 +97,7 @@ impl Timeline {
         self.reach(&mut out.fresh, change, first);
         let end = first + out.fresh.len();
         let kept = self.slow_down(&mut out.fresh, end == change.new_len);
+        out.keeps_entry = first > 0 || kept >= self.limits.entry_mps;
         // What lies before relies on this speed.
         if first > 0 && kept != self.stations[first].speed_mps {
             return false;
@@ -126,6 +129,9 @@ impl Timeline {
             {
                 let limit_mps = arriving.leg_limit_mps.min(station.leg_limit_mps);
                 station.corner = self.limits.corner(&pose(k - 1), &pose(k), &pose(k + 1), limit_mps);
+            }
+            if k == 0 {
+                station.corner = self.limits.entry();
             }
             fresh.push(station);
         }

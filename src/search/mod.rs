@@ -1,5 +1,6 @@
 //! The tree search for one continuous path (paper, section 5).
 
+pub mod captured;
 pub mod leg;
 pub mod objective;
 pub mod outcome;

@@ -6,13 +6,14 @@ use geo::{Coord, Intersects, Polygon};
 use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::{FieldTable, Row};
 
+use super::captured::{self, Captured};
 use super::leg::{angle_rad, image_poses};
 use super::objective::Objective;
 use super::reach::{Reach, Seeing};
 use super::spacing::ImageSpacing;
 use crate::camera::{Pose, Rig, View};
 use crate::coverage::union::{self, Gained, Observations};
-use crate::coverage::{CELLS, DiskModel, Information, Mask, Matching, SampleFrame};
+use crate::coverage::{CELLS, DiskModel, Information, Mask, MatchedViews, Matching, SampleFrame};
 use crate::field::Lookup;
 use crate::field::Snapshot;
 use crate::scene::free_space::FreeSpace;
@@ -37,6 +38,8 @@ pub struct Wanted {
     pub gsd_m: Option<f64>,
     /// For an overlap: images that follow each other on a leg are no farther apart, m.
     pub most_apart_m: Option<f64>,
+    /// What was captured already, and need not be again.
+    pub captured: Arc<Captured>,
 }
 
 impl Wanted {
@@ -63,6 +66,9 @@ pub struct Problem<'a> {
     pub ceilings: Vec<u16>,
     /// By sample: whether the rig's views from all viewpoints together give it enough matched views.
     pub matchable: Vec<bool>,
+    /// By sample: how images that were taken before the flight saw it; empty where there are none. What they captured counts as captured and as
+    /// capturable, whatever hides it now.
+    captured: Vec<Vec<captured::View>>,
     /// Which views match, and how many a sample needs.
     pub matching: Matching,
     pub areas_mm2: Vec<u64>,
@@ -128,6 +134,11 @@ impl<'a> Problem<'a> {
             None => Reach::new(&seeing),
         };
         let Reach { mut ceilings, is_matchable: mut matchable } = reach.clone();
+        let captured = wanted.captured.views(snapshot, &frames, &disks);
+        for (i, views) in captured.iter().enumerate() {
+            ceilings[i] = ceilings[i].max(captured_mask(views).count_ones() as u16);
+            matchable[i] |= is_matched(&matching, views);
+        }
         if let Some(region) = &wanted.region {
             let is_outside = |frame: &SampleFrame| !region.intersects(&Coord { x: frame.position.x, y: frame.position.y });
             for (i, _) in frames.iter().enumerate().filter(|(_, frame)| is_outside(frame)) {
@@ -164,6 +175,7 @@ impl<'a> Problem<'a> {
             frames,
             ceilings,
             matchable,
+            captured,
             matching,
             field,
         }
@@ -181,6 +193,29 @@ impl<'a> Problem<'a> {
     /// Whether the rig can capture sample `i` at all: its views from all viewpoints together cover more than the threshold.
     pub fn is_capturable(&self, i: usize) -> bool {
         u32::from(self.ceilings[i]) > self.field.facts.threshold_cells
+    }
+
+    /// How images that were taken before the flight saw sample `i`.
+    pub fn captured_views(&self, i: usize) -> &[captured::View] {
+        self.captured.get(i).map_or(&[], Vec::as_slice)
+    }
+
+    /// The cells of each sample that were covered before the flight, and how many samples are captured by that.
+    pub fn captured_cells(&self) -> (Vec<Mask>, u32) {
+        let masks: Vec<Mask> = (0..self.frames.len()).map(|i| self.captured_mask(i)).collect();
+        let captured = masks.iter().zip(&self.thresholds).filter(|(mask, threshold)| mask.count_ones() > **threshold).count();
+        (masks, captured as u32)
+    }
+
+    /// Area-weighted cells that were covered before the flight.
+    pub fn captured_information(&self) -> Information {
+        let (masks, _) = self.captured_cells();
+        masks.iter().zip(&self.areas_mm2).map(|(mask, area_mm2)| u64::from(mask.count_ones()) * area_mm2).sum()
+    }
+
+    /// The cells of sample `i` that were covered before the flight.
+    pub fn captured_mask(&self, i: usize) -> Mask {
+        captured_mask(self.captured_views(i))
     }
 
     /// Whether the view may turn from one direction to the other along the leg: slowly enough for gimbal, yaw and shutter, and within the
@@ -314,6 +349,16 @@ impl Scratch {
         self.touched.clear();
         Observations::new(samples, masks)
     }
+}
+
+fn captured_mask(views: &[captured::View]) -> Mask {
+    views.iter().fold(0, |mask, (cells, _)| mask | cells)
+}
+
+fn is_matched(matching: &Matching, views: &[captured::View]) -> bool {
+    let mut matched = MatchedViews::default();
+    views.iter().for_each(|&(_, bearing)| matched.add(matching, bearing));
+    matched.matched() >= matching.least_views
 }
 
 pub(super) fn is_framed(frusta: Option<&[View]>, target: &Point3<f64>) -> bool {

@@ -60,9 +60,10 @@ impl<'p, 'a> Tree<'p, 'a> {
     /// A tree of the root alone, which takes an image.
     pub fn new(problem: &'p Problem<'a>, root: Pose) -> Self {
         let mut scratch = problem.scratch();
-        let mut covered = vec![0; problem.field.samples.len()];
+        let (mut covered, before) = problem.captured_cells();
         // The root's own image covers, but the sums of Eq. 6 begin with the first leg (k = 2).
         let Gained { captured, .. } = problem.cover(&mut covered, &problem.observe_pose(&root, &mut scratch));
+        let captured = before + captured;
         let sums = PathSums::default();
         let objective = problem.objective.value(&sums);
         let root = Node { captured, covered, objective, ..Node::at(root) };

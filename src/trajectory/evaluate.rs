@@ -49,6 +49,8 @@ pub struct Tally {
     pub is_matched: Vec<bool>,
     /// The samples whose matches were counted: those that can have enough.
     pub is_matchable: Vec<bool>,
+    /// The samples that images show which were taken before the flight: they are counted as well.
+    pub is_captured: Vec<bool>,
 }
 
 /// Casts every line of sight between the images and the exposed samples, in parallel over samples. `None` when abandoned.
@@ -137,25 +139,32 @@ impl<'a> Caster<'a> {
 
 impl Tally {
     pub fn nothing(samples: usize) -> Self {
-        Self { cells: vec![0; samples], is_matched: vec![false; samples], is_matchable: vec![false; samples] }
+        let none = || vec![false; samples];
+        Self { cells: vec![0; samples], is_matched: none(), is_matchable: none(), is_captured: none() }
     }
 
-    /// Counts the images for which `counts` holds.
+    /// Counts the images for which `counts` holds, and those that were taken before the flight.
     pub fn of(sightings: &Sightings, problem: &Problem, counts: &(dyn Fn(u32) -> bool + Sync)) -> Self {
         let of_sample =
             |(i, seen): (usize, &Vec<Sighting>)| Self::of_sample(problem, i, seen.iter().filter(|one| counts(one.image)));
         let (cells, is_matched) = sightings.0.par_iter().enumerate().map(of_sample).unzip();
-        Self { cells, is_matched, is_matchable: problem.matchable.clone() }
+        Self { cells, is_matched, is_matchable: problem.matchable.clone(), is_captured: Self::captured(problem) }
     }
 
-    /// Covered cells of one sample, and whether it has enough matched views if it can have them.
-    pub fn of_sample<'s>(problem: &Problem, i: usize, mut seen: impl Iterator<Item = &'s Sighting> + Clone) -> (u16, bool) {
-        let cells = seen.clone().fold(0, |mask, one| mask | one.mask).count_ones() as u16;
+    /// The samples that images show which were taken before the flight.
+    pub fn captured(problem: &Problem) -> Vec<bool> {
+        (0..problem.frames.len()).map(|i| !problem.captured_views(i).is_empty()).collect()
+    }
+
+    /// Covered cells of one sample, and whether it has enough matched views if it can have them, with the images that were taken before the flight.
+    pub fn of_sample<'s>(problem: &Problem, i: usize, seen: impl Iterator<Item = &'s Sighting> + Clone) -> (u16, bool) {
+        let cells = seen.clone().fold(problem.captured_mask(i), |mask, one| mask | one.mask).count_ones() as u16;
+        let before = problem.captured_views(i).iter().map(|&(_, bearing)| bearing);
         let mut views = MatchedViews::default();
         // More views never match less.
         let is_matched = problem.matchable[i]
-            && seen.any(|one| {
-                views.add(&problem.matching, one.bearing);
+            && before.chain(seen.map(|one| one.bearing)).any(|bearing| {
+                views.add(&problem.matching, bearing);
                 views.matched() >= problem.matching.least_views
             });
         (cells, is_matched)
@@ -163,7 +172,7 @@ impl Tally {
 }
 
 impl Sightings {
-    /// What the images for which `counts` holds capture together.
+    /// What the images for which `counts` holds capture together with those that were taken before the flight.
     pub fn capture(&self, problem: &Problem, counts: impl Fn(u32) -> bool + Sync) -> Capture {
         Capture::of(problem, &Tally::of(self, problem, &counts))
     }

@@ -15,6 +15,9 @@ pub struct Limits {
     pub turning: Turning,
     pub cruise_mps: f64,
     pub dynamics: DynamicsSettings,
+    /// Speed at the start of the flight, m/s: 0 from rest. A flight that begins in the air goes on with the speed that the drone has.
+    #[serde(default, skip_serializing_if = "is_rest")]
+    pub entry_mps: f64,
 }
 
 /// What has to turn along a path.
@@ -42,7 +45,7 @@ impl Limits {
             Cameras::Gimbal { .. } => Turning::View,
             Cameras::Rigid(_) => Turning::Nose,
         };
-        Self { turning, cruise_mps: flight.cruise_speed_mps, dynamics: *dynamics }
+        Self { turning, cruise_mps: flight.cruise_speed_mps, dynamics: *dynamics, entry_mps: 0.0 }
     }
 
     /// Whether every number is one that a drone can fly by; limits that somebody else has written are not trusted.
@@ -50,7 +53,9 @@ impl Limits {
         let DynamicsSettings { acceleration_mps2, jerk_mps3, lateral_mps2, corner_deviation_m, yaw_rate_dps, gimbal_rate_dps } =
             self.dynamics;
         let rates = [self.cruise_mps, acceleration_mps2, jerk_mps3, lateral_mps2, yaw_rate_dps, gimbal_rate_dps];
-        rates.iter().all(|rate| (0.01..=1e4).contains(rate)) && (0.0..=MOST_DEVIATION_M).contains(&corner_deviation_m)
+        rates.iter().all(|rate| (0.01..=1e4).contains(rate))
+            && (0.0..=MOST_DEVIATION_M).contains(&corner_deviation_m)
+            && (0.0..=1e4).contains(&self.entry_mps)
     }
 
     /// Speed on a leg: that of the cruise, or less where the camera needs longer to turn than the leg takes, m/s.
@@ -64,6 +69,16 @@ impl Limits {
         let leg_m = (to.position - from.position).norm();
         let turning_s = turning_s(&first, &last, &self.dynamics, leg_m / self.cruise_mps);
         if turning_s > 0.0 { self.cruise_mps.min(leg_m / turning_s) } else { self.cruise_mps }
+    }
+
+    /// The start of a path: no corner, and passed with the speed that the drone has there.
+    pub fn entry(&self) -> Corner {
+        Corner::default().at_mps(self.entry_mps)
+    }
+
+    /// Way on which the drone comes to rest from a speed, m.
+    pub fn braking_m(&self, speed_mps: f64) -> f64 {
+        self.ramp().length_m(speed_mps, 0.0)
     }
 
     /// The corner at a waypoint between two others; `limit_mps` is the lower speed of the two legs.
@@ -105,6 +120,10 @@ impl Limits {
     fn ramp(&self) -> Ramp {
         Ramp { acceleration_mps2: self.dynamics.acceleration_mps2, jerk_mps3: self.dynamics.jerk_mps3 }
     }
+}
+
+fn is_rest(entry_mps: &f64) -> bool {
+    *entry_mps == 0.0
 }
 
 /// Time that yaw and gimbal need along the great circle between two view directions, s; nothing when that is less than `given_s`.

@@ -2,6 +2,7 @@
 
 pub mod corner;
 pub mod curve;
+pub mod egress;
 pub mod evaluate;
 pub mod images;
 pub mod limits;

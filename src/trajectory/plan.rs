@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::curve::Arc;
+use super::egress::Egress;
 use super::limits::Limits;
 use super::profile::Profile;
 use crate::camera::{Intrinsics, Pose, Rig, View};
@@ -32,6 +33,8 @@ pub struct Plan {
     pub goal_percent: f64,
     /// Goal for [`Metrics::matched_percent`]; 0 where none was asked for.
     pub matched_goal_percent: f64,
+    /// Legs at the beginning that are safe only by rules of their own, for an aircraft that is where it must not be.
+    pub egress: Egress,
     /// Smallest distance of the whole curve to a structure or the ground, m.
     pub clearance_m: f64,
     /// The best path after each iteration of the search.

@@ -4,7 +4,7 @@
 //! Eq. 5 makes a hairpin (2.25 s) cheaper than two turns of 45 degrees (2.72 s), so it cannot rank paths. Here every corner is rounded by an
 //! arc that keeps within `corner_deviation_m` of the corner; the arc's radius limits the speed by the lateral acceleration and, where the
 //! drone flies nose first, by its yaw rate. Straight parts are flown with bounded acceleration and jerk up to the cruise speed, or slower where
-//! the camera has to turn. The flight begins and ends at rest.
+//! the camera has to turn. The flight ends at rest, and begins there or with the speed that the drone has (`Limits::entry_mps`).
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -83,6 +83,9 @@ impl Profile {
         for (k, at) in path.windows(3).enumerate() {
             let limit_mps = speeds_mps[k].min(speeds_mps[k + 1]);
             corners[k + 1] = limits.corner_within(&at[0], &at[1], &at[2], limit_mps, deviations_m[k + 1]);
+        }
+        if let Some(first) = corners.first_mut() {
+            *first = limits.entry();
         }
         bound_speeds(limits, &mut corners, &lengths_m);
         let mut legs = Vec::with_capacity(lengths_m.len());

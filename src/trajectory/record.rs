@@ -83,8 +83,9 @@ impl Record {
             Some(old) => {
                 let old = old as usize;
                 (tally.cells[i], tally.is_matched[i]) = (counted.cells[old], counted.is_matched[old]);
-                // What could not be matched was not counted.
-                let is_counted = counted.is_matchable[old] == problem.matchable[i];
+                // What could not be matched was not counted, and what was taken before the flight was another thing then.
+                let is_alone = !counted.is_captured[old] && problem.captured_views(i).is_empty();
+                let is_counted = is_alone && counted.is_matchable[old] == problem.matchable[i];
                 (Some(is_counted), std::mem::take(&mut before[old]))
             }
         });
@@ -103,6 +104,7 @@ impl Record {
             }
         }
         tally.is_matchable.clone_from(&problem.matchable);
+        tally.is_captured = Tally::captured(problem);
         let cameras = rig.camera_count().min(images.len());
         Self {
             revision: snapshot.revision,

@@ -21,6 +21,8 @@ pub enum UnsafeCurve {
     Leg { from: usize, cause: Obstruction },
     #[error("the arc at waypoint {index} is not safe: {cause}")]
     Arc { index: usize, cause: Obstruction },
+    #[error("leg {leg}, on which the aircraft is to get out of where it must not be, comes nearer to something")]
+    Egress { leg: usize },
 }
 
 /// Arcs are checked by the triangles of chords and tangents; a chord keeps this close to its arc, m. All sides of the triangles keep the safety
@@ -54,12 +56,17 @@ pub fn deviations_m(path: &[Pose], limits: &Limits, free: &FreeSpace) -> Vec<f64
 /// Checks the whole of the curve, its arcs included, and every waypoint; returns the smallest distance of the curve to a structure or to the
 /// ground, m: up to two centimetres too small where that lies on an arc.
 pub fn check(curve: &Curve, free: &FreeSpace) -> Result<f64, UnsafeCurve> {
-    let waypoints = curve.waypoints.par_iter().enumerate().with_min_len(LEAST_PARTS).find_map_first(|(index, p)| {
+    check_behind(curve, 0, free)
+}
+
+/// The same without the first legs, which have rules of their own ([`super::egress`]); the smallest distance is that of the whole curve.
+pub fn check_behind(curve: &Curve, legs: usize, free: &FreeSpace) -> Result<f64, UnsafeCurve> {
+    let waypoints = curve.waypoints.par_iter().enumerate().skip(legs).with_min_len(LEAST_PARTS).find_map_first(|(index, p)| {
         let cause = free.obstruction_at(p)?;
         Some(UnsafeCurve::Waypoint { index, position: format!("{:.1}, {:.1}, {:.1}", p.x, p.y, p.z), cause })
     });
-    let legs = || {
-        (0..curve.legs()).into_par_iter().with_min_len(LEAST_PARTS).find_map_first(|from| {
+    let straight_parts = || {
+        (legs..curve.legs()).into_par_iter().with_min_len(LEAST_PARTS).find_map_first(|from| {
             let [start, end] = curve.straight(from);
             free.obstruction_between(&start, &end).map(|cause| UnsafeCurve::Leg { from, cause })
         })
@@ -69,10 +76,11 @@ pub fn check(curve: &Curve, free: &FreeSpace) -> Result<f64, UnsafeCurve> {
             .arcs
             .par_iter()
             .enumerate()
+            .skip(legs)
             .with_min_len(LEAST_PARTS)
             .find_map_first(|(index, arc)| arc_obstruction(arc, free).map(|cause| UnsafeCurve::Arc { index, cause }))
     };
-    if let Some(unsafe_part) = waypoints.or_else(legs).or_else(arcs) {
+    if let Some(unsafe_part) = waypoints.or_else(straight_parts).or_else(arcs) {
         return Err(unsafe_part);
     }
     Ok(least_distance_m(curve, free))

@@ -25,6 +25,9 @@ pub fn select(problem: &Problem, sightings: &Sightings, images: usize, matched: 
 fn keep_matches(problem: &Problem, sightings: &Sightings, selected: &mut [bool], matched: u32) {
     let mut seen: Vec<Vec<(u32, Bearing)>> = vec![Vec::new(); selected.len()];
     let mut views = vec![MatchedViews::default(); sightings.0.len()];
+    for (sample, views) in views.iter_mut().enumerate().filter(|&(sample, _)| problem.matchable[sample]) {
+        problem.captured_views(sample).iter().for_each(|&(_, bearing)| views.add(&problem.matching, bearing));
+    }
     for (sample, sightings) in sightings.0.iter().enumerate().filter(|&(sample, _)| problem.matchable[sample]) {
         for &Sighting { image, bearing, .. } in sightings {
             seen[image as usize].push((sample as u32, bearing));
@@ -67,11 +70,10 @@ pub fn ranking(problem: &Problem, sightings: &Sightings, images: usize) -> Vec<u
 /// with the others (lazy greedy).
 fn greedy(problem: &Problem, sightings: &Sightings, images: usize, goal: u32) -> Vec<usize> {
     let seen = by_image(sightings, images);
-    let mut covered: Vec<Mask> = vec![0; sightings.0.len()];
+    let (mut covered, mut captured) = problem.captured_cells();
     let mut queue: BinaryHeap<(Information, Reverse<usize>)> =
         seen.iter().enumerate().map(|(image, seen)| (gain(&covered, seen, &problem.areas_mm2), Reverse(image))).collect();
     let mut order = Vec::new();
-    let mut captured = 0;
     while captured < goal {
         let Some((_, Reverse(image))) = queue.pop() else { break };
         let fresh = gain(&covered, &seen[image], &problem.areas_mm2);

@@ -206,6 +206,7 @@ pub fn plan(field: &FieldTable) -> Plan {
         ceilings: field.ceilings.to_vec(),
         goal_percent: 95.0,
         matched_goal_percent: 95.0,
+        egress: Default::default(),
         clearance_m: 5.2,
         convergence: (0..400)
             .map(|index| Iteration {

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use overfly_wire::service::{LOOK_AGAIN, ServiceError};
 use overfly_wire::{
-    Domain, EditOrder, Loaded, PlanOrder, ProgressNote, RefusalCode, Reply, Request, Status, StructureInfo, Updated, ZoneInfo,
+    Domain, EditOrder, FlightReport, Loaded, PlanOrder, ProgressNote, RefusalCode, Reply, Request, Status, StructureInfo,
+    Updated, ZoneInfo,
 };
 
 use crate::error::ClientError;
@@ -103,6 +104,12 @@ impl Client {
         let (correlation, reply) = self.link.call(&request, &[], PATIENCE, on_progress)?;
         let Reply::Planned { epoch } = reply else { return Err(unexpected(&reply)) };
         self.published(scene, correlation, epoch)
+    }
+
+    /// Tells where an aircraft is on its flight and what it has captured. What is planned from now on goes on from there, also after an edit. A refusal of
+    /// code [`RefusalCode::Hold`] or [`RefusalCode::Land`] in place of a plan says what the aircraft has to do.
+    pub fn report(&self, scene: &str, report: &FlightReport) -> Result<(), ClientError> {
+        self.done(&Request::Progress { scene: scene.into(), report: report.clone() })
     }
 
     /// Ends the running search of a scene. Whoever asked for it receives the best plan so far.

@@ -31,8 +31,8 @@ pub use client::{Client, Edited, SceneSource};
 pub use error::ClientError;
 pub use field::FieldMap;
 pub use overfly_wire::{
-    Domain, DomainError, EditOrder, Loaded, PlanOrder, PlanSummary, ProgressNote, RefusalCode, SceneChanges, SceneState,
-    SceneStatus, ShapeOrder, Stage, Status, StructureInfo, StructureKind, Updated, ZoneInfo,
+    Domain, DomainError, EditOrder, FlightReport, Loaded, PlanOrder, PlanSummary, ProgressNote, RefusalCode, SceneChanges,
+    SceneState, SceneStatus, ShapeOrder, Stage, Status, StructureInfo, StructureKind, Updated, ZoneInfo,
 };
 pub use plan::{PlanMessage, PlanWatch};
 pub use status::StatusFeed;

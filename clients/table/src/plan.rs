@@ -6,7 +6,7 @@ use crate::layout::{self, Block, LayoutError, Section};
 
 /// "OVFLYPLN" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYPLN");
-pub const SCHEMA: u32 = 4;
+pub const SCHEMA: u32 = 5;
 /// The code of [`PlanFacts::stop`] for a scene in which there is no flight.
 pub const INFEASIBLE: u64 = 8;
 
@@ -57,6 +57,8 @@ pub struct LimitsRow {
     pub corner_deviation_m: f64,
     pub yaw_rate_dps: f64,
     pub gimbal_rate_dps: f64,
+    /// Speed at the start of the flight, m/s; 0 from rest.
+    pub entry_mps: f64,
 }
 
 /// What the plan was made from and how the search ended.
@@ -89,6 +91,9 @@ pub struct PlanFacts {
     pub check_s: f64,
     /// From taking up the request to this message, s.
     pub total_s: f64,
+    /// For an aircraft that is where it must not be, the legs that come before all others and are safe by rules of their own: 1 it brakes to rest,
+    /// 2 it gets out, 3 both, one after the other; 0 neither.
+    pub egress: u64,
     /// Smallest distance of the curve to a structure or the ground, m.
     pub clearance_m: f64,
     pub threads: u64,

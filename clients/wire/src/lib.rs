@@ -9,6 +9,7 @@
 
 pub mod codec;
 pub mod domain;
+pub mod en_route;
 pub mod frame;
 pub mod header;
 pub mod memory;
@@ -17,6 +18,7 @@ pub mod segment;
 pub mod service;
 
 pub use domain::{Domain, DomainError, DomainLock, LockError};
+pub use en_route::FlightReport;
 pub use header::{Header, Kind, SCHEMA, WireBlock};
 pub use message::{
     EditOrder, Loaded, PlanOrder, PlanSummary, ProgressNote, Refusal, RefusalCode, Reply, Request, SceneChanges, SceneState,

@@ -10,6 +10,8 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
+use crate::en_route::FlightReport;
+
 pub use self::check::{MAX_COORDINATE_M, MAX_NAME_BYTES, MAX_PATH_BYTES, check_scene_name, plain_scene_name};
 use self::check::{check_file_name, check_path};
 use self::edit::check_edits;
@@ -65,6 +67,12 @@ pub enum Request {
         file_name: String,
         dry_run: bool,
     },
+    /// Where the aircraft is on its flight over a scene, and what it has captured: whatever is planned from now on, after an edit too, goes on from there.
+    /// The next order without such a report begins another flight.
+    Progress {
+        scene: String,
+        report: FlightReport,
+    },
     /// Ends the scene's running search; its best plan so far is published.
     Cancel {
         scene: String,
@@ -118,6 +126,10 @@ impl Request {
             Request::UpdateBytes { scene, file_name, .. } => {
                 check_scene_name(scene)?;
                 check_file_name(file_name)
+            }
+            Request::Progress { scene, report } => {
+                check_scene_name(scene)?;
+                report.check()
             }
             Request::Unload { scene }
             | Request::Cancel { scene }

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::check::{check_coordinate, check_name, invalid};
 use super::{MAX_OUTLINE_CORNERS, Refusal};
+use crate::en_route::FlightReport;
 
 /// Longest rig file, bytes.
 pub const MAX_RIG_FILE_BYTES: usize = 65_536;
@@ -49,6 +50,8 @@ pub struct PlanOrder {
     /// Where a camera on a gimbal looks at the start: azimuth clockwise from north and pitch up from the horizon, degrees; `None`
     /// lets the planner choose.
     pub start_view_deg: Option<[f64; 2]>,
+    /// For the method `refined`, in place of a start: an aircraft that is in the air already.
+    pub en_route: Option<FlightReport>,
 }
 
 impl Default for PlanOrder {
@@ -69,6 +72,7 @@ impl Default for PlanOrder {
             region_m: Vec::new(),
             start_m: None,
             start_view_deg: None,
+            en_route: None,
         }
     }
 }
@@ -116,6 +120,7 @@ impl PlanOrder {
                 "the region has {corners} corners; give 3 to {MAX_OUTLINE_CORNERS}, or none for the whole scene"
             ));
         }
+        self.en_route.as_ref().map_or(Ok(()), FlightReport::check)?;
         self.region_m.iter().flatten().try_for_each(|value| check_coordinate("region", *value))?;
         self.start_m.into_iter().flatten().try_for_each(|value| check_coordinate("start", value))
     }

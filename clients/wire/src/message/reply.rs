@@ -79,6 +79,10 @@ pub enum RefusalCode {
     Internal,
     /// The daemon cannot read the path; whoever can may send the file's content instead.
     Unreadable,
+    /// There is nothing that the aircraft can safely fly from where it is: it has to brake and hold there.
+    Hold,
+    /// There is no time left but for landing, or not even for the way there.
+    Land,
 }
 
 /// What the daemon is busy with.

@@ -327,7 +327,9 @@ mod tests {
                     let is_early = straight.motion_at(middle_s).flown_m < flown_m;
                     *(if is_early { &mut early_s } else { &mut late_s }) = middle_s;
                 }
-                prop_assert!(k == 0 || (time_s - late_s).abs() <= 1e-13 * straight.duration_s().max(1.0), "{time_s} s against {late_s} s");
+                // Where the drone hardly moves, many times are as good.
+                let [found_m, halved_m] = [time_s, late_s].map(|time_s| straight.motion_at(time_s).flown_m);
+                prop_assert!((found_m - halved_m).abs() <= 1e-13 * length_m.max(1.0), "{found_m} m against {halved_m} m");
             }
         }
 

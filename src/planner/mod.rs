@@ -361,8 +361,14 @@ fn refined(
         (Some(seconds), Some(begun_s)) => Budget::Until(begun_s + seconds),
         (Some(_), None) => return Err(PlanError::NoClock),
     };
-    let counting = if matched > 0 { Counting::Matched } else { Counting::Captured };
-    let required = Worth { captured: problem.sufficient, matched };
+    // More than no share would be a sample: who asks for none gets none.
+    let captured = if settings.coverage.goal_percent > 0.0 { problem.sufficient } else { 0 };
+    let counting = match (captured, matched) {
+        (_, 0) => Counting::Captured,
+        (0, _) => Counting::MatchedAlone,
+        _ => Counting::Matched,
+    };
+    let required = Worth { captured, matched };
     let left_s = order.departure.as_ref().and_then(Departure::search_left_s);
     let within_ns = |within_s: f64| (within_s * 1e9) as u64;
     let (aim, counting) = match (options.objective, options.within_s, left_s) {

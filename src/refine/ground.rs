@@ -64,6 +64,8 @@ pub enum Counting {
     Captured,
     /// Those, and those that can have enough matched views.
     Matched,
+    /// Those that can have enough matched views, whatever is captured.
+    MatchedAlone,
     /// All: Eq. 6 is worth something even where nothing is captured.
     Everything,
 }
@@ -79,12 +81,18 @@ pub enum Look {
 
 impl<'a> Ground<'a> {
     pub fn new(problem: &'a Problem<'a>, settings: &'a Settings, is_start_fixed: bool, counting: Counting) -> Self {
-        let is_wanted = |i: usize| {
-            let is_matched = counting == Counting::Matched && problem.matchable[i];
-            is_matched || problem.is_capturable(i) || counting == Counting::Everything
+        let is_matching = |i: usize| matches!(counting, Counting::Matched | Counting::MatchedAlone) && problem.matchable[i];
+        let is_wanted = |i: usize| match counting {
+            Counting::MatchedAlone => is_matching(i),
+            Counting::Everything => true,
+            Counting::Captured | Counting::Matched => is_matching(i) || problem.is_capturable(i),
+        };
+        let (before, _) = problem.captured_cells();
+        let threshold = |i: usize| match counting {
+            Counting::MatchedAlone => Mask::BITS,
+            _ => raised_threshold(problem, &settings.refine, i, before[i]),
         };
         let samples = problem.frames.len();
-        let (before, _) = problem.captured_cells();
         let mut ground = Self {
             problem,
             settings: &settings.refine,
@@ -97,8 +105,8 @@ impl<'a> Ground<'a> {
             most: Worth::default(),
             most_of_all: Worth::default(),
             rows: Vec::new(),
-            thresholds: (0..samples).map(|i| raised_threshold(problem, &settings.refine, i, before[i])).collect(),
-            is_matching: (0..samples).map(|i| counting == Counting::Matched && problem.matchable[i]).collect(),
+            thresholds: (0..samples).map(threshold).collect(),
+            is_matching: (0..samples).map(is_matching).collect(),
             areas_mm2: problem.areas_mm2.as_slice().into(),
             matching: Matching::within(&settings.quality, settings.refine.margin_parallax_deg),
             seers: Vec::new(),

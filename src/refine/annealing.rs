@@ -11,7 +11,6 @@ use rand_core::SeedableRng;
 use rayon::prelude::*;
 
 use super::Confirmed;
-use super::cells::Totals;
 use super::choice::{Choice, Returns};
 use super::counts::Worth;
 use super::draft::Splice;
@@ -322,15 +321,30 @@ impl<'a> Annealing<'a> {
     /// The flight as it is; information is that which its legs gain from the samples that are looked at.
     fn present(&self) -> Iteration {
         let problem = self.ground.problem;
-        let Totals { information, captured, .. } = self.flight.counts.cells.totals();
+        let information = self.flight.counts.cells.totals().information;
         let information = information.saturating_sub(self.flight.at_start() + self.ground.captured_information);
         let sums = PathSums { information, ..problem.objective.travel(&self.flight.path()) };
         Iteration {
             objective: problem.objective.value(&sums),
-            coverage_percent: 100.0 * f64::from(captured) / f64::from(self.ground.most.captured.max(1)),
+            coverage_percent: self.coverage_percent(),
             length_m: sums.length_m,
             turning_s: sums.turning_s,
         }
+    }
+
+    /// Captured share of the samples that are looked at and can be captured.
+    fn coverage_percent(&self) -> f64 {
+        let Ground { problem, wanted, most, .. } = self.ground;
+        let counts = &self.flight.counts;
+        let (captured, of) = if most.captured > 0 {
+            (counts.worth().captured, most.captured)
+        } else {
+            // None has to be captured, so that the counters do not tell.
+            let capturable = || wanted.iter().map(|&i| i as usize).filter(|&i| problem.is_capturable(i));
+            let captured = capturable().filter(|&i| counts.cells.cells(i) > problem.thresholds[i]);
+            (captured.count() as u32, capturable().count() as u32)
+        };
+        100.0 * f64::from(captured) / f64::from(of.max(1))
     }
 }
 

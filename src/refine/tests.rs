@@ -217,6 +217,27 @@ fn the_samples_of_a_thinned_ground_are_counted_as_on_the_whole_one() {
 }
 
 #[test]
+fn where_none_has_to_be_captured_captured_samples_are_worth_nothing() {
+    for_every_rig(|both, path, settings, _| {
+        let problem = both.problem;
+        let alone = Ground::new(problem, settings, false, Counting::MatchedAlone);
+        assert!(alone.wanted.iter().all(|&i| problem.matchable[i as usize]));
+        let required = Worth { captured: 0, ..required(both) };
+        let mut annealing = Annealing::new(&alone, path, Aim::LeastTime { required }, 5);
+        (0..12).for_each(|_| annealing.round(1e9));
+        let flight = Flight::new(&alone, &annealing.best().path);
+        let priced = |captured: f64| Demand { required, prices_ns: Prices { captured, matched: 1e9 }, ..demand(both) };
+        assert_eq!(priced(5e9).shortfall_ns(&flight.counts), priced(0.0).shortfall_ns(&flight.counts));
+        assert!(alone.wanted.iter().all(|&i| !flight.counts.cells.is_missing(i as usize)), "none of them is gone to see");
+        // What is said of the flight is its coverage all the same.
+        let capturable: Vec<usize> = alone.wanted.iter().map(|&i| i as usize).filter(|&i| problem.is_capturable(i)).collect();
+        let captured = capturable.iter().filter(|&&i| flight.counts.cells.cells(i) > problem.thresholds[i]).count();
+        let percent = annealing.record().coverage_percent;
+        assert!(captured > 0 && percent == 100.0 * captured as f64 / capturable.len() as f64, "{captured} and {percent} %");
+    });
+}
+
+#[test]
 fn after_a_change_of_samples_a_flight_is_as_good_as_one_counted_anew() {
     for_every_rig(|ground, path, _, _| {
         let thinned = ground.thinned(2);

@@ -24,8 +24,9 @@ const REFINED_GOALS: [(Method, [f64; 2]); 2] = [(Method::Zhou, [0.6, 0.4]), (Met
 /// Refined flights are planned several times each, and of several cameras for long: seed 1 alone, and fewer rounds.
 const REFINED_SEEDS: u32 = 1;
 
-/// Few exposures of five cameras match nearly all samples; what lies between the samples is matched as well only where they are dense.
-const REFINED_SAMPLES: u32 = 3000;
+/// Few exposures of five cameras match nearly all samples; what lies between the samples is matched as well only where they are dense: over delfshaven flights
+/// of 578 s reconstruct 95.83 % of the surface, and 95.54 % where 3000 samples are looked at (240 rounds).
+const REFINED_SAMPLES: u32 = 10_000;
 
 /// The figures that the paper has too stand first.
 const COLUMNS: [&str; 22] = [

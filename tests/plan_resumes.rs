@@ -145,6 +145,29 @@ proptest! {
 }
 
 #[test]
+fn no_flight_is_worse_than_one_that_came_before() {
+    let settings = small_settings();
+    let mut were_enough = 0;
+    for (seed, rig) in (0..4).flat_map(|seed| rigs().into_iter().map(move |rig| (seed, rig))) {
+        let mut edited: Session = session(small_block(seed), &settings);
+        let before = snapshot(&edited);
+        let with_goals =
+            |rounds: u32| PlanOptions { goal_percent: Some(60.0), matched_percent: Some(50.0), ..options(&rig, rounds) };
+        let first = plan(&before, &settings, &with_goals(40), &StopToken::default(), &mut |_| {}).unwrap();
+        edited.apply(&pillar_on(&first, 0)).expect("there is room for a pillar");
+        let after = snapshot_after(&edited, &before);
+        let (interim, last) = planned(&after, &settings, &PlanOptions { earlier: Some(poses(&first)), ..with_goals(24) });
+        let is_enough = |plan: &Plan| plan.metrics.coverage_percent > 60.0 && plan.metrics.matched_percent > 50.0;
+        let flights: Vec<&Plan> = interim.iter().chain([&last]).collect();
+        for pair in flights.windows(2).filter(|pair| is_enough(pair[0])) {
+            assert!(is_enough(pair[1]) && pair[1].metrics.profile_s <= pair[0].metrics.profile_s, "{} {seed}", rig.name);
+            were_enough += 1;
+        }
+    }
+    assert!(were_enough > 12, "{were_enough}");
+}
+
+#[test]
 fn the_flight_of_another_rig_is_not_gone_on_with() {
     let settings = small_settings();
     let snapshot = snapshot(&session(small_block(2), &settings));

@@ -26,16 +26,6 @@ pub struct Visibility {
     pub patches: Vec<Vec<u32>>,
     /// What all viewpoints together cover of each sample.
     pub unions: Vec<Mask>,
-    /// How the samples compare with those of the field before, if it followed from one.
-    pub seen: Option<Seen>,
-}
-
-/// The samples of a field beside those of the one before.
-pub struct Seen {
-    /// For each sample its place there, where it was the same and as exposed.
-    pub same: Vec<Option<u32>>,
-    /// Whether a viewpoint sees the sample that did not before, or the other way round.
-    pub is_touched: Vec<bool>,
 }
 
 /// Algorithm 1: for each viewpoint c_j, for each sample s_i, whether s_i is visible to c_j. Parallel over tiles.
@@ -67,8 +57,7 @@ pub fn build_rows<E: From<FieldError> + Send>(
     };
     let rows: Result<Vec<_>, E> = tiles.par_iter().with_max_len(1).map(of_tile).collect();
     let (segments, patches) = rows?.into_iter().unzip();
-    let unions = unions.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(Visibility { segments, patches, unions, seen: None })
+    Ok(Visibility { segments, patches, unions: unions.into_inner().unwrap_or_else(PoisonError::into_inner) })
 }
 
 /// Writes the rows of a tile into memory of their own.

@@ -8,9 +8,9 @@ use overfly_table::{Block, FieldTable, LayoutError, Segment, TableMemory};
 
 use super::build::{FieldInputs, Outlines, write_table};
 use super::lookup::Lookup;
-use super::rows::{Place, Seen, Visibility, build_rows};
+use super::rows::{Place, Visibility, build_rows};
 use super::tiles::{Tile, tiles};
-use super::update::{Earlier, update_rows};
+use super::update::{Earlier, Seen, update_rows};
 use super::viewpoints::{Cell, Site, Viewpoint};
 use crate::coverage::{DiskModel, Mask};
 use crate::scene::Scene;
@@ -81,6 +81,8 @@ pub struct Findings {
     survey: Survey,
     tiles: Vec<Tile>,
     visibility: Visibility,
+    /// How its samples compare with those of the field before.
+    seen: Option<Seen>,
 }
 
 impl Survey {
@@ -94,15 +96,16 @@ impl Survey {
     pub fn build<E: From<FieldError> + Send>(self, place: &Place<E>, stop: &StopToken) -> Result<Findings, E> {
         let tiles = tiles(&self.cells, &self.viewpoints, self.facts.lattice_spacing_m);
         let inputs = self.inputs();
-        let visibility = match &self.earlier {
-            None => build_rows(&inputs, &tiles, place, stop),
+        let (visibility, seen) = match &self.earlier {
+            None => (build_rows(&inputs, &tiles, place, stop)?, None),
             Some((snapshot, differences)) => {
                 let Footing { samples, tiles: before, cells, unions, .. } = &*snapshot.footing;
                 let earlier = Earlier { field: snapshot.field(), tiles: before, cells, samples, unions };
-                update_rows(&inputs, &self.cells, &tiles, differences, &earlier, place, stop)
+                let (visibility, seen) = update_rows(&inputs, &self.cells, &tiles, differences, &earlier, place, stop)?;
+                (visibility, Some(seen))
             }
-        }?;
-        Ok(Findings { survey: self, tiles, visibility })
+        };
+        Ok(Findings { survey: self, tiles, visibility, seen })
     }
 
     /// Builds the field in memory of its own.
@@ -159,7 +162,7 @@ impl Findings {
 
     /// The snapshot over the segments and a table that [`Findings::write`] has written.
     pub fn snapshot(self, field: Arc<dyn FieldStorage>) -> Result<Snapshot, FieldError> {
-        let Self { survey, tiles, visibility: Visibility { unions, seen, .. } } = self;
+        let Self { survey, tiles, visibility: Visibility { unions, .. }, seen } = self;
         let table = FieldTable::open(field.blocks(), field.segments())?;
         let same = survey.earlier.as_ref().filter(|(earlier, _)| earlier.footing.cells == survey.cells);
         let lookup = match same {

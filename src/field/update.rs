@@ -13,7 +13,7 @@ use overfly_table::{FieldTable, Segment, SegmentRows};
 use rayon::prelude::*;
 
 use super::build::{FieldInputs, SLACK_M};
-use super::rows::{Group, Place, Seen, Targets, Visibility, write};
+use super::rows::{Group, Place, Targets, Visibility, write};
 use super::survey::FieldError;
 use super::tiles::{Reach, RowBits, Tile, merge};
 use super::viewpoints::Cell;
@@ -32,6 +32,14 @@ pub struct Earlier<'a> {
     pub samples: &'a Samples,
     /// What all viewpoints together cover of each sample.
     pub unions: &'a [Mask],
+}
+
+/// The samples of a field beside those of the one before.
+pub struct Seen {
+    /// For each sample its place there, where it was the same and as exposed.
+    pub same: Vec<Option<u32>>,
+    /// Whether a viewpoint sees the sample that did not before, or the other way round.
+    pub is_touched: Vec<bool>,
 }
 
 /// By sample: cells that came, cells of disks that are seen no more, and whether a viewpoint sees it that did not before or the other way round.
@@ -90,7 +98,7 @@ struct Work<'a> {
     moved: Vec<Moved>,
 }
 
-/// The visibility of the viewpoints in `cells`, in `tiles`, of a scene that differs from the earlier one.
+/// The visibility of the viewpoints in `cells`, in `tiles`, of a scene that differs from the earlier one, and how its samples compare with that one's.
 pub fn update_rows<E: From<FieldError> + Send>(
     inputs: &FieldInputs,
     cells: &[Cell],
@@ -99,7 +107,7 @@ pub fn update_rows<E: From<FieldError> + Send>(
     earlier: &Earlier,
     place: &Place<E>,
     stop: &StopToken,
-) -> Result<Visibility, E> {
+) -> Result<(Visibility, Seen), E> {
     let update = Update::new(inputs, cells, differences, earlier);
     let earlier_of = |tile: &Tile| earlier.tiles.binary_search_by_key(&tile.key, |old| old.key).ok();
     let of_tile = |tile: &Tile| match (stop.is_stopped(), earlier_of(tile)) {
@@ -112,8 +120,7 @@ pub fn update_rows<E: From<FieldError> + Send>(
     (0..earlier.tiles.len()).filter(is_vanished).for_each(|old| update.drop_tile(old));
     let (segments, patches): (Vec<Segment>, Vec<Vec<u32>>) = rows?.into_iter().unzip();
     let unions = update.unions(tiles, &segments, &patches);
-    let seen = update.seen();
-    Ok(Visibility { segments, patches, unions, seen: Some(seen) })
+    Ok((Visibility { segments, patches, unions }, update.seen()))
 }
 
 impl<'a> Update<'a> {

@@ -9,7 +9,9 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use super::{Order, PlanError, resume};
+use super::order::Order;
+use super::resume::{self, REACH_SPACINGS};
+use super::{PlanError, start};
 use crate::baseline::router::Router;
 use crate::camera::{Cameras, Pose};
 use crate::field::Snapshot;
@@ -49,8 +51,6 @@ pub const MOST_SPEED_MPS: f64 = 50.0;
 const FARTHEST_OUT_M: f64 = 150.0;
 /// Places nearer to each other are one, m.
 const SAME_M: f64 = 0.01;
-/// Viewpoints that the way to the landing place leads over are at most so many lattice spacings apart: their neighbours, those across a corner too.
-const REACH_SPACINGS: f64 = 1.8;
 
 /// Adds what images capture that were taken in the scene of a snapshot; `None`, and nothing is added, when abandoned.
 pub fn add_images(captured: &mut Captured, snapshot: &Snapshot, images: &[Image], stop: &StopToken) -> Option<()> {
@@ -279,7 +279,7 @@ impl Order<'_> {
             Cameras::Panoramic { .. } => None,
             Cameras::Gimbal { .. } => Some(match en_route.view {
                 Some(view) => view,
-                None => super::best_direction(problem, &en_route.position_m),
+                None => start::best_direction(problem, &en_route.position_m),
             }),
             Cameras::Rigid(_) => Some(heading(&Point3::origin(), &Point3::from(en_route.velocity_mps))),
         };

@@ -11,7 +11,7 @@ use crate::search::leg::slerp;
 const AROUND_M: f64 = 60.0;
 
 /// Viewpoints that a way around leads over are at most so many lattice spacings apart: their neighbours, those across a corner too.
-const REACH_SPACINGS: f64 = 1.8;
+pub const REACH_SPACINGS: f64 = 1.8;
 
 /// With a smaller share of the waypoints it is better to begin anew.
 const LEAST_SHARE: f64 = 0.5;

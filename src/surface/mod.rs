@@ -57,14 +57,21 @@ pub fn choose_spacing_m(scene: &Scene, target: u32, seed: u64, offset_m: f64, st
 #[derive(Debug)]
 pub struct Sampler {
     sampling: Sampling,
-    known: Mutex<HashMap<StructureId, Known>>,
+    made: Mutex<HashMap<StructureId, Made>>,
 }
 
-type Known = (Arc<Structure>, Arc<Vec<Sample>>);
+type Made = (Arc<Structure>, Arc<Vec<Sample>>);
+
+/// The samples of a structure in an earlier scene.
+struct Kept<'k> {
+    samples: &'k [Sample],
+    /// Nothing near has come or gone, so that the same ones are exposed.
+    is_exposure_known: bool,
+}
 
 impl Sampler {
     pub fn new(sampling: Sampling) -> Self {
-        Self { sampling, known: Mutex::default() }
+        Self { sampling, made: Mutex::default() }
     }
 
     /// About how many samples the scene will have.
@@ -80,21 +87,7 @@ impl Sampler {
     /// All samples of the scene, in the order of its structures; `None` when stopped.
     pub fn sample(&self, scene: &Scene, stop: &StopToken) -> Option<Vec<Sample>> {
         let bounds: Vec<Bounds> = scene.structures.iter().map(|structure| structure.bounds()).collect();
-        let of_structure = |(index, structure): (usize, &Arc<Structure>)| {
-            if stop.is_stopped() {
-                return None;
-            }
-            let neighbours = neighbours(scene, &bounds, index, self.sampling.offset_m);
-            let mut samples = self.of_structure(structure).to_vec();
-            for sample in &mut samples {
-                sample.structure = index as u32;
-                sample.exposed = is_exposed(sample, &neighbours, self.sampling.offset_m);
-            }
-            Some(samples)
-        };
-        let sampled: Option<Vec<Vec<Sample>>> = scene.structures.par_iter().enumerate().map(of_structure).collect();
-        self.lock().retain(|id, _| scene.structure(*id).is_some());
-        sampled.map(|structures| structures.concat())
+        self.sampled(scene, &bounds, |_| None, stop)
     }
 
     /// The same of a scene that differs from an earlier one, whose samples are `before`, structure by structure: only those of new structures
@@ -107,21 +100,36 @@ impl Sampler {
         bounds: &[Bounds],
         stop: &StopToken,
     ) -> Option<Vec<Sample>> {
+        let is_near = |index: usize| move |changed: &Bounds| are_near(&bounds[index], changed, self.sampling.offset_m);
+        let known = |index: usize| {
+            let samples = before.of_structure(differences.kept[index]?);
+            Some(Kept { samples, is_exposure_known: !differences.boxes().any(is_near(index)) })
+        };
+        self.sampled(scene, bounds, known, stop)
+    }
+
+    /// The samples of a scene, of some of whose structures they are known.
+    fn sampled<'k>(
+        &self,
+        scene: &Scene,
+        bounds: &[Bounds],
+        known: impl Fn(usize) -> Option<Kept<'k>> + Sync,
+        stop: &StopToken,
+    ) -> Option<Vec<Sample>> {
         let reach_m = self.sampling.offset_m;
         let of_structure = |(index, structure): (usize, &Arc<Structure>)| {
             if stop.is_stopped() {
                 return None;
             }
-            let kept = differences.kept[index].map(|old| before.of_structure(old));
-            let is_apart = || !differences.boxes().any(|changed| are_near(&bounds[index], changed, reach_m));
-            let mut samples = match kept {
-                Some(samples) if is_apart() => return Some(placed(samples.to_vec(), index)),
-                Some(samples) => samples.to_vec(),
-                None => self.of_structure(structure).to_vec(),
-            };
-            let neighbours = neighbours(scene, bounds, index, reach_m);
-            samples.iter_mut().for_each(|sample| sample.exposed = is_exposed(sample, &neighbours, reach_m));
-            Some(placed(samples, index))
+            let known = known(index);
+            let is_exposure_known = known.as_ref().is_some_and(|known| known.is_exposure_known);
+            let mut samples = known.map_or_else(|| self.of_structure(structure).to_vec(), |known| known.samples.to_vec());
+            samples.iter_mut().for_each(|sample| sample.structure = index as u32);
+            if !is_exposure_known {
+                let neighbours = neighbours(scene, bounds, index, reach_m);
+                samples.iter_mut().for_each(|sample| sample.exposed = is_exposed(sample, &neighbours, reach_m));
+            }
+            Some(samples)
         };
         let sampled: Option<Vec<Vec<Sample>>> = scene.structures.par_iter().enumerate().map(of_structure).collect();
         self.lock().retain(|id, _| scene.structure(*id).is_some());
@@ -139,9 +147,9 @@ impl Sampler {
         samples
     }
 
-    fn lock(&self) -> MutexGuard<'_, HashMap<StructureId, Known>> {
+    fn lock(&self) -> MutexGuard<'_, HashMap<StructureId, Made>> {
         // The map is whole at every moment that a thread could have panicked in.
-        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+        self.made.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -202,12 +210,6 @@ fn is_exposed(sample: &Sample, neighbours: &[(Bounds, &Structure)], offset_m: f6
     let in_front = sample.position + sample.normal * offset_m;
     let buried = |(bounds, neighbour): &(Bounds, &Structure)| bounds.contains(&in_front) && neighbour.contains(&in_front);
     in_front.z > 0.0 && !neighbours.iter().any(buried)
-}
-
-/// Samples of structure `index` of a scene.
-fn placed(mut samples: Vec<Sample>, index: usize) -> Vec<Sample> {
-    samples.iter_mut().for_each(|sample| sample.structure = index as u32);
-    samples
 }
 
 /// All samples of a scene, with the first one of each structure.

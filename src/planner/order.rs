@@ -1,0 +1,212 @@
+//! What is ordered of a flight, and the way from a path to a plan.
+
+use super::en_route::Departure;
+use super::{Made, Method, PlanError, PlanOptions, resume, start};
+use crate::camera::Pose;
+use crate::coverage::Information;
+use crate::field::Snapshot;
+use crate::refine::{Confirmed, Worth};
+use crate::search::leg::headed;
+use crate::search::objective::PathSums;
+use crate::search::{Outcome, Problem, Progress, search};
+use crate::settings::Settings;
+use crate::stop::StopToken;
+use crate::trajectory::egress::Egress;
+use crate::trajectory::evaluate::{self, Capture};
+use crate::trajectory::images::Exposed;
+use crate::trajectory::limits::Limits;
+use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, StopReason, Waypoint};
+use crate::trajectory::profile::Profile;
+use crate::trajectory::record::Record;
+use crate::trajectory::route::{Found, Route};
+use crate::trajectory::{images, safety, select};
+
+/// What a flight is planned by.
+pub struct Order<'o> {
+    pub snapshot: &'o Snapshot,
+    pub settings: &'o Settings,
+    pub options: &'o PlanOptions,
+    pub problem: &'o Problem<'o>,
+    pub matched_goal_percent: f64,
+    pub stop: &'o StopToken,
+    /// How a flight leaves an aircraft's pose, for one that is in the air already.
+    pub departure: Option<Departure>,
+}
+
+impl Order<'_> {
+    /// The plan of a flight that is not the last one.
+    pub fn on_the_way(&self, path: &[Pose], stop: StopReason, before: Option<Record>) -> Result<Made, PlanError> {
+        let outcome = Outcome { path: path.to_vec(), convergence: Vec::new(), stop };
+        self.finished(Found::of(outcome, self.problem), before)
+    }
+
+    /// The plan of a flight that was found: its curve, its images and what they capture, checked for safety. With the record of the flight
+    /// before an edit only what may have changed is looked at.
+    pub fn finished(&self, Found { route, convergence, stop: reason }: Found, before: Option<Record>) -> Result<Made, PlanError> {
+        let Self { snapshot, settings, options, problem, matched_goal_percent, stop, ref departure } = *self;
+        let rig = &problem.rig;
+        let route = self.whole_route(route);
+        let (limits, deviations_m, profile) = self.timed(&route.waypoints);
+        let Exposed { mut images, delayed, dropped } = images::expose(&route, rig, &profile);
+        let record = match before {
+            Some(before) => before.after(snapshot, problem, &images, stop),
+            None => Record::new(snapshot, problem, &images, stop),
+        };
+        let record = record.ok_or(PlanError::Abandoned)?;
+        let capture = record.capture(problem);
+        // Which images are dispensable takes longer to find out than a flight on the way may wait.
+        if !matches!(reason, StopReason::Repaired | StopReason::Improved) {
+            let enough = problem.enough_matched(matched_goal_percent);
+            let selected = select::select(problem, record.sightings(), images.len(), enough);
+            images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
+        }
+        let egress = departure.as_ref().map_or_else(Egress::default, |departure| departure.egress);
+        egress.check(&profile.curve().waypoints, &limits, &snapshot.free)?;
+        let clearance_m = safety::check_behind(profile.curve(), egress.legs(), &snapshot.free)?;
+        // What belongs to no leg: the views at the start, or what was captured before a flight that begins in the air.
+        let at_start = match departure {
+            None => record.information_at_start(problem),
+            Some(_) => problem.captured_information(),
+        };
+        safety::check_views(rig, &images)?;
+        let blur_px = images::blur_px(&images, rig, &profile, &snapshot.free.clearance);
+        let figures = metrics(problem, settings, &route, &profile, &capture, at_start);
+        let waypoint =
+            |(pose, &deviation_m): (&Pose, &f64)| Waypoint { position_m: pose.position, direction: pose.direction, deviation_m };
+
+        let plan = Plan {
+            scene: SceneStamp {
+                name: snapshot.scene.name.clone(),
+                origin: snapshot.scene.frame.origin,
+                revision: snapshot.revision,
+            },
+            seed: options.seed,
+            rig: rig.name.clone(),
+            method: options.method.name().to_owned(),
+            cameras: Camera::all_of(rig),
+            metrics: Metrics { delayed_exposures: delayed, dropped_exposures: dropped, blur_px, ..figures },
+            limits: Some(limits),
+            waypoints: route.waypoints.iter().zip(&deviations_m).map(waypoint).collect(),
+            images,
+            cells: capture.cells,
+            ceilings: problem.ceilings.clone(),
+            goal_percent: settings.coverage.goal_percent,
+            matched_goal_percent,
+            egress,
+            clearance_m,
+            convergence,
+            stop: reason,
+        };
+        Ok(Made { plan, record })
+    }
+
+    /// What can still be flown of an earlier flight, for the methods whose images are all along the path.
+    pub fn resumed(&self) -> Option<Vec<Pose>> {
+        let Self { options, problem, .. } = *self;
+        let earlier = options.earlier.as_ref().filter(|_| matches!(options.method, Method::Refined | Method::Paper))?;
+        let path = match &self.departure {
+            None => resume::resumed(problem, earlier, options.start_m.is_some())?,
+            Some(departure) => {
+                let from_start: Vec<Pose> = std::iter::once(departure.start()).chain(earlier.iter().copied()).collect();
+                departure.landed(problem, &resume::resumed(problem, &from_start, true)?)?
+            }
+        };
+        Some(headed(&problem.rig, &path))
+    }
+
+    /// The paper's own method: a random tree, and the best path in it.
+    pub fn tree_search(&self, iterations: u32, on_progress: &mut dyn FnMut(&Progress)) -> Result<Outcome, PlanError> {
+        let Self { options, problem, stop, .. } = *self;
+        let start = match &self.departure {
+            None => start::start_pose(problem, options, stop)?,
+            Some(departure) => departure.start(),
+        };
+        let confirm = |path: &[Pose]| self.confirmed(path).worth.captured;
+        Ok(search(problem, start, iterations, options.seed, stop, &confirm, on_progress)?)
+    }
+
+    /// What a finished path is really worth, by exact rays from its images; of a flight that begins in the air the part that is searched.
+    pub fn confirmed(&self, path: &[Pose]) -> Confirmed {
+        let Self { snapshot, problem, stop, .. } = *self;
+        let route = self.whole_route(Route::continuous(path, &problem.rig, problem.spacing));
+        let (_, _, profile) = self.timed(&route.waypoints);
+        let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
+        let worth = evaluate::sightings(snapshot, &problem.disks, &images, stop).map_or(Worth::default(), |sightings| {
+            let Capture { captured, matched, .. } = sightings.capture(problem, |_| true);
+            Worth { captured, matched }
+        });
+        Confirmed { worth, duration_s: profile.duration_s() - self.before_s() }
+    }
+
+    /// Time until the part of the flight begins that is searched, s.
+    pub fn before_s(&self) -> f64 {
+        self.departure.as_ref().map_or(0.0, Departure::stops_s)
+    }
+
+    /// The profile of the curve that is flown, with all that comes before the part of it that is searched.
+    pub fn profile(&self, path: &[Pose]) -> Profile {
+        match &self.departure {
+            None => self.timed(path).2,
+            Some(departure) => self.timed(&departure.whole(path)).2,
+        }
+    }
+
+    /// A whole path as it is flown: its limits, how far the arcs may pass from the corners, m, and its profile.
+    fn timed(&self, path: &[Pose]) -> (Limits, Vec<f64>, Profile) {
+        let mut limits = Limits::new(&self.problem.rig, &self.settings.flight, &self.settings.dynamics);
+        let mut deviations_m = safety::deviations_m(path, &limits, &self.snapshot.free);
+        if let Some(departure) = &self.departure {
+            limits.entry_mps = departure.entry_mps();
+            deviations_m = departure.stopped(deviations_m);
+        }
+        let profile = Profile::rounded(path, &limits, &deviations_m);
+        (limits, deviations_m, profile)
+    }
+
+    fn whole_route(&self, route: Route) -> Route {
+        match &self.departure {
+            None => route,
+            Some(departure) => departure.whole_route(route),
+        }
+    }
+
+    /// What is wanted of the samples. More than no share would be a sample: who asks for none gets none.
+    pub fn required(&self) -> Worth {
+        let captured = if self.settings.coverage.goal_percent > 0.0 { self.problem.sufficient } else { 0 };
+        Worth { captured, matched: self.problem.enough_matched(self.matched_goal_percent) }
+    }
+
+    /// The most time that the flight may take, s.
+    pub fn within_s(&self) -> Option<f64> {
+        let left_s = self.options.en_route.as_ref().and_then(|en_route| en_route.time_left_s);
+        [self.options.within_s, left_s].into_iter().flatten().reduce(f64::min)
+    }
+}
+
+fn metrics(
+    problem: &Problem,
+    settings: &Settings,
+    route: &Route,
+    profile: &Profile,
+    capture: &Capture,
+    at_start: Information,
+) -> Metrics {
+    // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
+    let path = PathSums { information: capture.information - at_start, ..problem.objective.travel(&route.waypoints) };
+    let movement_s = path.length_m / settings.flight.cruise_speed_mps;
+    Metrics {
+        length_m: path.length_m,
+        movement_s,
+        turning_s: path.turning_s,
+        flight_s: movement_s + path.turning_s,
+        profile_s: profile.duration_s(),
+        battery_percent: problem.rig.battery.map(|battery| battery.percent(movement_s, path.turning_s)),
+        coverage_percent: capture.coverage_percent,
+        coverage_exposed_percent: capture.coverage_exposed_percent,
+        capturable_percent: capture.capturable_percent,
+        matched_percent: capture.matched_percent,
+        information: problem.objective.gain(capture.information),
+        objective: problem.objective.value(&path),
+        ..Metrics::default()
+    }
+}

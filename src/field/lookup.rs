@@ -1,6 +1,7 @@
 //! Which row of the field answers for a queried position. The only user of kiddo.
 
 use std::num::NonZero;
+use std::sync::OnceLock;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Point3;
@@ -10,7 +11,8 @@ use crate::scene::clearance::Clearance;
 
 /// A tree over the field's viewpoints (paper, section 4.3: "we adopt a KD-tree").
 pub struct Lookup {
-    tree: ImmutableKdTree<f64, 3>,
+    /// Grown when it is asked for the first time: the first safe plan after an edit is not.
+    tree: OnceLock<Option<ImmutableKdTree<f64, 3>>>,
     positions: Vec<Point3<f64>>,
 }
 
@@ -20,19 +22,27 @@ const CANDIDATES: NonZero<usize> = NonZero::new(8).expect("eight is not zero");
 impl Lookup {
     /// `None` when there are no viewpoints.
     pub fn new(viewpoints: &[ViewpointRow]) -> Option<Self> {
-        let entries: Vec<[f64; 3]> = viewpoints.iter().map(|row| row.position_m).collect();
-        let tree = ImmutableKdTree::new_from_slice(&entries).ok()?;
-        Some(Self { tree, positions: entries.into_iter().map(Point3::from).collect() })
+        let positions: Vec<Point3<f64>> = viewpoints.iter().map(|row| row.position_m.into()).collect();
+        (!positions.is_empty()).then(|| Self { tree: OnceLock::new(), positions })
+    }
+
+    fn tree(&self) -> Option<&ImmutableKdTree<f64, 3>> {
+        let grow = || {
+            let entries: Vec<[f64; 3]> = self.positions.iter().map(|position| position.coords.into()).collect();
+            ImmutableKdTree::new_from_slice(&entries).ok()
+        };
+        self.tree.get_or_init(grow).as_ref()
     }
 
     /// The nearest viewpoint with a line of sight to `p`: a nearer one behind a corner sees another street.
     pub fn nearest_in_sight(&self, p: &Point3<f64>, clearance: &Clearance) -> Option<usize> {
         let query = [p.x, p.y, p.z];
-        let nearest = self.tree.query(&query).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize;
+        let tree = self.tree()?;
+        let nearest = tree.query(&query).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize;
         if !clearance.occluded(p, &self.positions[nearest]) {
             return Some(nearest);
         }
-        let candidates = self.tree.query(&query).nearest_n::<SquaredEuclidean<f64>>(CANDIDATES).execute();
+        let candidates = tree.query(&query).nearest_n::<SquaredEuclidean<f64>>(CANDIDATES).execute();
         candidates.iter().map(|found| found.item as usize).find(|&j| !clearance.occluded(p, &self.positions[j]))
     }
 }

@@ -79,7 +79,7 @@ impl Group {
             let bounds = Bounds::of_points(inputs.samples.samples[samples.clone()].iter().map(|sample| sample.position))?;
             Some(Self { samples, bounds: bounds.grown(inputs.offset_m) })
         };
-        (0..inputs.scene.structures.len()).filter_map(group).collect()
+        (0..inputs.scene.structures.len()).into_par_iter().filter_map(group).collect()
     }
 }
 
@@ -92,8 +92,8 @@ pub struct Targets {
 impl Targets {
     pub fn new(inputs: &FieldInputs) -> Self {
         let samples = &inputs.samples.samples;
-        let frames = samples.iter().map(|sample| SampleFrame::new(sample.position, sample.normal)).collect();
-        let ends = samples.iter().map(|sample| sample.position + sample.normal * inputs.offset_m).collect();
+        let frames = samples.par_iter().map(|sample| SampleFrame::new(sample.position, sample.normal)).collect();
+        let ends = samples.par_iter().map(|sample| sample.position + sample.normal * inputs.offset_m).collect();
         Self { frames, ends }
     }
 
@@ -109,9 +109,12 @@ impl Targets {
         }
     }
 
+    /// Whether a sample is seen from a place if nothing stands between.
+    pub fn faces(&self, inputs: &FieldInputs, i: usize, view: &Point3<f64>) -> bool {
+        inputs.samples.samples[i].exposed && inputs.disks.faces(&self.frames[i], view)
+    }
+
     pub fn is_seen(&self, inputs: &FieldInputs, i: usize, view: &Point3<f64>) -> bool {
-        inputs.samples.samples[i].exposed
-            && inputs.disks.faces(&self.frames[i], view)
-            && !inputs.clearance.occluded(view, &self.ends[i])
+        self.faces(inputs, i, view) && !inputs.clearance.occluded(view, &self.ends[i])
     }
 }

@@ -14,6 +14,7 @@ use super::update::{Earlier, Seen, update_rows};
 use super::viewpoints::{Cell, Site, Viewpoint};
 use crate::coverage::{DiskModel, Mask};
 use crate::scene::Scene;
+use crate::scene::clearance::Exchange;
 use crate::scene::differences::Differences;
 use crate::scene::free_space::{FreeSpace, ZoneError};
 use crate::stop::StopToken;
@@ -100,7 +101,14 @@ impl Survey {
             None => (build_rows(&inputs, &tiles, place, stop)?, None),
             Some((snapshot, differences)) => {
                 let Footing { samples, tiles: before, cells, unions, .. } = &*snapshot.footing;
-                let earlier = Earlier { field: snapshot.field(), tiles: before, cells, samples, unions };
+                let earlier = Earlier {
+                    field: snapshot.field(),
+                    tiles: before,
+                    cells,
+                    samples,
+                    clearance: &snapshot.free.clearance,
+                    unions,
+                };
                 let (visibility, seen) = update_rows(&inputs, &self.cells, &tiles, differences, &earlier, place, stop)?;
                 (visibility, Some(seen))
             }
@@ -173,8 +181,8 @@ impl Findings {
             }
         };
         let Survey { outlines, samples, sites, cells, earlier, .. } = survey;
-        let changes = earlier.zip(seen).map(|((earlier, differences), Seen { same, is_touched })| {
-            Arc::new(Changes { since: earlier.revision, differences, same, is_touched })
+        let changes = earlier.zip(seen).map(|((earlier, differences), Seen { same, is_touched, exchange })| {
+            Arc::new(Changes { since: earlier.revision, differences, exchange, same, is_touched })
         });
         Ok(Snapshot {
             scene: survey.scene,
@@ -249,6 +257,8 @@ pub struct Changes {
     /// The revision of the field before.
     pub since: u64,
     pub differences: Differences,
+    /// The surfaces that only one of the scenes has.
+    pub exchange: Exchange,
     /// For each sample its place in the field before, where it was the same and as exposed.
     pub same: Vec<Option<u32>>,
     /// For each sample whether a viewpoint sees it that did not before, or the other way round.

@@ -6,6 +6,7 @@ use std::ops::BitOrAssign;
 
 use overfly_table::SegmentRows;
 use overfly_table::rows::PATCH;
+use rayon::prelude::*;
 
 use super::rows::Group;
 use super::viewpoints::{Cell, Viewpoint};
@@ -40,7 +41,7 @@ pub fn tiles(cells: &[Cell], viewpoints: &[Viewpoint], spacing_m: f64) -> Vec<Ti
         let bounds = Bounds::of_points(members.iter().map(|&j| viewpoints[j as usize].position))?;
         Some(Tile { key, viewpoints: members, bounds })
     };
-    members.into_iter().filter_map(tile).collect()
+    members.into_par_iter().filter_map(tile).collect()
 }
 
 /// The patches of all samples that a tile's viewpoints may see.

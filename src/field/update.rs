@@ -19,6 +19,7 @@ use super::tiles::{Reach, RowBits, Tile, merge};
 use super::viewpoints::Cell;
 use crate::coverage::Mask;
 use crate::scene::Bounds;
+use crate::scene::clearance::{Clearance, Exchange};
 use crate::scene::differences::Differences;
 use crate::stop::StopToken;
 use crate::surface::Samples;
@@ -30,6 +31,7 @@ pub struct Earlier<'a> {
     /// The cells of its viewpoints.
     pub cells: &'a [Cell],
     pub samples: &'a Samples,
+    pub clearance: &'a Clearance,
     /// What all viewpoints together cover of each sample.
     pub unions: &'a [Mask],
 }
@@ -40,6 +42,8 @@ pub struct Seen {
     pub same: Vec<Option<u32>>,
     /// Whether a viewpoint sees the sample that did not before, or the other way round.
     pub is_touched: Vec<bool>,
+    /// The surfaces that only one of the scenes has.
+    pub exchange: Exchange,
 }
 
 /// By sample: cells that came, cells of disks that are seen no more, and whether a viewpoint sees it that did not before or the other way round.
@@ -63,6 +67,7 @@ struct Update<'a> {
     is_kept: Vec<bool>,
     gone: Vec<Bounds>,
     come: Vec<Bounds>,
+    exchange: Exchange,
     found: Mutex<Found>,
 }
 
@@ -82,6 +87,14 @@ struct Before<'a> {
     seen: &'a [SeenRow],
 }
 
+/// A group of a reach that has to be looked at.
+#[derive(Clone, Copy)]
+struct Suspect {
+    number: usize,
+    /// Some of its samples are not as before.
+    is_renewed: bool,
+}
+
 /// A tile that is updated: what it may see, and what is found.
 struct Work<'a> {
     reach: Reach<'a>,
@@ -91,9 +104,10 @@ struct Work<'a> {
     /// Boxes within reach in which something stood, and stands now.
     gone: Vec<Bounds>,
     come: Vec<Bounds>,
-    /// The groups of the reach some of whose samples are not as before, and all.
-    renewed: Vec<usize>,
-    all: Vec<usize>,
+    /// The groups of the reach some of whose samples are not as before.
+    renewed: Vec<Suspect>,
+    /// Those and the groups to which a line of sight may lead over what changed.
+    suspects: Vec<Suspect>,
     /// By patch of the earlier segment.
     moved: Vec<Moved>,
 }
@@ -120,7 +134,7 @@ pub fn update_rows<E: From<FieldError> + Send>(
     (0..earlier.tiles.len()).filter(is_vanished).for_each(|old| update.drop_tile(old));
     let (segments, patches): (Vec<Segment>, Vec<Vec<u32>>) = rows?.into_iter().unzip();
     let unions = update.unions(tiles, &segments, &patches);
-    Ok((Visibility { segments, patches, unions }, update.seen()))
+    Ok((Visibility { segments, patches, unions }, update.into_seen()))
 }
 
 impl<'a> Update<'a> {
@@ -150,6 +164,7 @@ impl<'a> Update<'a> {
             is_kept,
             gone: grown(&differences.gone),
             come: grown(&differences.come),
+            exchange: Exchange::between(earlier.clearance, inputs.clearance, differences),
             found: Mutex::new(Found { gained: nothing(), lost: nothing(), is_touched: vec![false; samples.len()] }),
         }
     }
@@ -212,15 +227,19 @@ impl<'a> Update<'a> {
         let bounds = old.map_or(*bounds, |old| self.earlier.tiles[old].bounds.union(bounds));
         let reach = Reach::of(&bounds, self.inputs.reach_m(), &self.groups);
         let moved = old.map(|old| self.earlier_patches(old).iter().map(|&first| self.moved(first, &reach)).collect());
-        let all: Vec<usize> = (0..reach.groups.len()).collect();
-        let is_renewed = |number: &usize| !self.is_kept[reach.groups[*number].0.samples.clone()].iter().all(|is_kept| *is_kept);
-        let renewed = all.iter().copied().filter(is_renewed).collect();
         let grown = bounds.grown(self.inputs.reach_m());
         let near = |boxes: &[Bounds]| boxes.iter().copied().filter(|changed| changed.meets(&grown)).collect();
-        let (gone, come) = (near(&self.gone), near(&self.come));
+        let (gone, come): (Vec<Bounds>, Vec<Bounds>) = (near(&self.gone), near(&self.come));
+        let suspect = |(number, (group, _)): (usize, &(&Group, usize))| {
+            let is_renewed = !self.is_kept[group.samples.clone()].iter().all(|is_kept| *is_kept);
+            let may_change = |changed: &Bounds| changed.may_lie_between(&bounds, &group.bounds);
+            (is_renewed || gone.iter().chain(&come).any(may_change)).then_some(Suspect { number, is_renewed })
+        };
+        let suspects: Vec<Suspect> = reach.groups.iter().enumerate().filter_map(suspect).collect();
+        let renewed = suspects.iter().copied().filter(|suspect| suspect.is_renewed).collect();
         let moved = moved.unwrap_or_default();
         let (gained, lost) = (reach.masks(), reach.masks());
-        Work { is_touched: vec![false; gained.len()], gained, lost, gone, come, renewed, all, moved, reach }
+        Work { is_touched: vec![false; gained.len()], gained, lost, gone, come, renewed, suspects, moved, reach }
     }
 
     /// The patch that began at the earlier sample `first`.
@@ -252,7 +271,7 @@ impl<'a> Update<'a> {
     /// The row of viewpoint `j`, which may have been there before.
     fn fill_row(&self, j: usize, before: Option<Before>, bits: &mut RowBits, work: &mut Work) {
         let view = self.inputs.viewpoints[j].position;
-        let Work { reach, gained, lost, is_touched, gone, come, renewed, all, moved } = work;
+        let Work { reach, gained, lost, is_touched, gone, come, renewed, suspects, moved } = work;
         let mask = |i: usize| self.inputs.disks.mask(&self.targets.frames[i], &view);
         let Some(before) = before else {
             self.targets.seen_from(self.inputs, reach, &view, |i, patch, offset| {
@@ -271,30 +290,41 @@ impl<'a> Update<'a> {
         let near = |boxes: &[Bounds]| boxes.iter().copied().filter(in_range).collect::<Vec<_>>();
         let (gone, come) = (near(gone), near(come));
         // Far from every change only samples that are not as before have to be looked at.
-        let numbers = if gone.is_empty() && come.is_empty() { &*renewed } else { &*all };
-        for &number in numbers.iter() {
+        let suspects = if gone.is_empty() && come.is_empty() { &*renewed } else { &*suspects };
+        for &Suspect { number, is_renewed } in suspects {
             let (group, patch) = reach.groups[number];
+            if !in_range(&group.bounds) {
+                continue;
+            }
             // All lines of sight to the structure lie in here.
-            let lines = || Bounds { min: group.bounds.min.inf(&view), max: group.bounds.max.sup(&view) };
-            let is_crossed = |lines: Bounds| gone.iter().chain(&come).any(|bounds| bounds.meets(&lines));
-            if !in_range(&group.bounds) || !renewed.contains(&number) && !is_crossed(lines()) {
+            let lines = Bounds { min: group.bounds.min.inf(&view), max: group.bounds.max.sup(&view) };
+            let are_crossed =
+                |boxes: &[Bounds]| boxes.iter().any(|bounds| bounds.meets(&lines) && group.bounds.may_be_behind(bounds, &view));
+            let (is_any_gone, has_any_come) = (are_crossed(&gone), are_crossed(&come));
+            if !(is_renewed || is_any_gone || has_any_come) {
                 continue;
             }
             for (i, offset) in group.samples.clone().zip(0..) {
                 let end = &self.targets.ends[i];
-                let is_crossed = |boxes: &[Bounds]| boxes.iter().any(|bounds| bounds.meets_segment(&view, end));
                 let was_seen = self.is_kept[i] && bits.is_marked(patch, offset);
-                if was_seen && is_crossed(&come) && self.inputs.clearance.occluded(&view, end) {
+                if was_seen && has_any_come && self.exchange.may_change(false, &view, end) {
                     bits.unmark(patch, offset);
                     lost[patch * PATCH + offset] |= mask(i);
                     is_touched[patch * PATCH + offset] = true;
-                } else if !was_seen && (!self.is_kept[i] || is_crossed(&gone)) && self.targets.is_seen(self.inputs, i, &view) {
+                } else if !was_seen && self.may_be_seen(i, is_any_gone, &view) && self.targets.is_seen(self.inputs, i, &view) {
                     bits.mark(patch, offset);
                     gained[patch * PATCH + offset] |= mask(i);
                     is_touched[patch * PATCH + offset] = true;
                 }
             }
         }
+    }
+
+    /// Whether a sample that was not seen from a place may be seen now, when lines to its structure lead over something that is gone, or not.
+    fn may_be_seen(&self, i: usize, is_any_gone: bool, view: &Point3<f64>) -> bool {
+        let may_change =
+            || self.targets.faces(self.inputs, i, view) && self.exchange.may_change(true, view, &self.targets.ends[i]);
+        !self.is_kept[i] || is_any_gone && may_change()
     }
 
     /// A viewpoint that is no more.
@@ -359,12 +389,13 @@ impl<'a> Update<'a> {
     }
 
     /// The samples beside those of the field before.
-    fn seen(&self) -> Seen {
+    fn into_seen(self) -> Seen {
         let mut same = vec![None; self.is_kept.len()];
         for (old, &now) in self.now.iter().enumerate().filter(|(_, now)| **now != NOWHERE) {
             same[now as usize] = self.is_kept[now as usize].then_some(old as u32);
         }
-        Seen { same, is_touched: self.lock().is_touched.clone() }
+        let Found { is_touched, .. } = self.found.into_inner().unwrap_or_else(PoisonError::into_inner);
+        Seen { same, is_touched, exchange: self.exchange }
     }
 
     fn merge(&self, work: &Work) {

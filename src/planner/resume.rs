@@ -1,6 +1,7 @@
 //! The flight of an earlier plan over a scene that has changed since: what can still be flown stays, what cannot is flown around or left out.
 
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 use crate::baseline::router::Router;
 use crate::camera::{Cameras, Pose};
@@ -16,6 +17,9 @@ pub const REACH_SPACINGS: f64 = 1.8;
 /// With a smaller share of the waypoints it is better to begin anew.
 const LEAST_SHARE: f64 = 0.5;
 
+/// Poses that a worker takes at once, at least.
+const LEAST_POSES: usize = 32;
+
 /// The waypoints of an earlier flight as they can be flown now; `None` when too few of them are left, or the start where it `is_start_fixed`.
 pub fn resumed(problem: &Problem, earlier: &[Pose], is_start_fixed: bool) -> Option<Vec<Pose>> {
     let looks_around = matches!(problem.rig.cameras, Cameras::Panoramic { .. });
@@ -23,18 +27,24 @@ pub fn resumed(problem: &Problem, earlier: &[Pose], is_start_fixed: bool) -> Opt
         // The flight of another rig.
         return None;
     }
+    let is_admissible = |pose: &&Pose| problem.is_admissible(pose);
+    let poses: Vec<&Pose> = earlier.par_iter().with_min_len(LEAST_POSES).filter(is_admissible).collect();
+    // Nearly all legs are as they were, and whether they are is asked side by side.
+    let legs = poses.par_windows(2).with_min_len(LEAST_POSES);
+    let is_flown: Vec<bool> = legs.map(|leg| can_fly(problem, leg[0], leg[1])).collect();
     let mut path: Vec<Pose> = Vec::with_capacity(earlier.len());
-    let mut kept = 0;
-    for pose in earlier.iter().filter(|pose| problem.is_admissible(pose)) {
-        let way = match path.last() {
+    let (mut kept, mut last) = (0, None);
+    for (index, pose) in poses.iter().enumerate() {
+        let way = match last {
             None => Some(Vec::new()),
-            Some(last) => way(problem, last, pose),
+            Some(last) if last + 1 == index && is_flown[last] => Some(Vec::new()),
+            Some(last) => way(problem, poses[last], pose),
         };
         // A waypoint that cannot be reached is left out; the next one may be.
         if let Some(way) = way {
             path.extend(way);
-            path.push(*pose);
-            kept += 1;
+            path.push(**pose);
+            (kept, last) = (kept + 1, Some(index));
         }
     }
     let starts_where_it_must =
@@ -42,11 +52,15 @@ pub fn resumed(problem: &Problem, earlier: &[Pose], is_start_fixed: bool) -> Opt
     (path.len() >= 2 && f64::from(kept) >= LEAST_SHARE * earlier.len() as f64 && starts_where_it_must).then_some(path)
 }
 
+/// Whether the straight leg between two poses can be flown.
+fn can_fly(problem: &Problem, from: &Pose, to: &Pose) -> bool {
+    problem.is_flyable(from, to) && problem.free.is_leg_safe(&from.position, &to.position)
+}
+
 /// The waypoints between two others, none where the straight leg can be flown; `None` where there is no way.
 pub(super) fn way(problem: &Problem, from: &Pose, to: &Pose) -> Option<Vec<Pose>> {
     let free = problem.free;
-    let can_fly = |a: &Pose, b: &Pose| problem.is_flyable(a, b) && free.is_leg_safe(&a.position, &b.position);
-    if can_fly(from, to) {
+    if can_fly(problem, from, to) {
         return Some(Vec::new());
     }
     if free.is_leg_safe(&from.position, &to.position) {
@@ -74,7 +88,7 @@ pub(super) fn way(problem: &Problem, from: &Pose, to: &Pose) -> Option<Vec<Pose>
     };
     let way: Vec<Pose> = places().zip(&corners).map(turned).collect();
     let all = || std::iter::once(from).chain(&way).chain([to]);
-    let is_flown = all().zip(all().skip(1)).all(|(a, b)| can_fly(a, b));
+    let is_flown = all().zip(all().skip(1)).all(|(a, b)| can_fly(problem, a, b));
     is_flown.then_some(way)
 }
 

@@ -50,6 +50,12 @@ impl Clearance {
         Self::of_bodies(scene.structures.iter().zip(&differences.kept).map(body).collect())
     }
 
+    /// Only these structures of the scene, by their places in it.
+    fn only(&self, is_in: impl Fn(usize) -> bool) -> Self {
+        let bodies = self.bodies.iter().enumerate().filter(|(index, _)| is_in(*index));
+        Self::of_bodies(bodies.map(|(_, body)| Arc::clone(body)).collect())
+    }
+
     pub fn of_triangles(triangles: Vec<Triangle>) -> Self {
         Self::of_bodies(vec![Arc::new(Body::new(triangles))])
     }
@@ -128,6 +134,28 @@ impl Clearance {
             })
         });
         best.get().sqrt()
+    }
+}
+
+/// The surfaces that only one of two scenes has: what they hide tells which lines of sight have to be looked at again.
+#[derive(Debug)]
+pub struct Exchange {
+    gone: Clearance,
+    come: Clearance,
+}
+
+impl Exchange {
+    pub fn between(before: &Clearance, after: &Clearance, differences: &Differences) -> Self {
+        let mut is_gone = vec![true; before.bodies.len()];
+        differences.kept.iter().flatten().for_each(|&index| is_gone[index] = false);
+        Self { gone: before.only(|index| is_gone[index]), come: after.only(|index| differences.kept[index].is_none()) }
+    }
+
+    /// Whether the line from `a` to `b` may be blocked in one of the scenes alone, when in the earlier one it was blocked or not. For a free line the answer
+    /// is exact: it is blocked in the later scene if it is here.
+    pub fn may_change(&self, was_blocked: bool, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        // What was blocked by nothing that is gone is blocked by something that is still there.
+        if was_blocked { self.gone.occluded(a, b) } else { self.come.occluded(a, b) }
     }
 }
 
@@ -216,6 +244,23 @@ mod tests {
             prop_assert_eq!(clearance.keeps_distance(&a, &b, cap), !too_near);
             let to_point = triangles.iter().map(|t| point_triangle_squared(&a, t).sqrt()).fold(cap, f64::min);
             prop_assert_eq!(clearance.point_distance_m(&a, cap), to_point);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn only_lines_that_an_exchange_names_change(
+            kept in proptest::collection::vec(small_triangle(), 0..20), gone in proptest::collection::vec(small_triangle(), 0..20),
+            come in proptest::collection::vec(small_triangle(), 0..20), a in point(), b in point(),
+        ) {
+            let of = |bodies: [&Vec<Triangle>; 2]| Clearance::of_bodies(bodies.map(|body| Arc::new(Body::new(body.clone()))).to_vec());
+            let (before, after) = (of([&kept, &gone]), of([&come, &kept]));
+            let differences = Differences { kept: vec![None, Some(0)], ..Default::default() };
+            let exchange = Exchange::between(&before, &after, &differences);
+            let (was_blocked, is_blocked) = (before.occluded(&a, &b), after.occluded(&a, &b));
+            let may_change = exchange.may_change(was_blocked, &a, &b);
+            prop_assert!(may_change || was_blocked == is_blocked);
+            prop_assert!(was_blocked || may_change == is_blocked);
         }
     }
 

@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use geo::{Area, Intersects, Validation};
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 use super::clearance::Clearance;
 use super::differences::Differences;
-use super::proxy::{NoFlyZone, Scene, Shape, Structure, ZoneSource};
+use super::proxy::{NoFlyZone, Scene, Structure, ZoneSource};
 use super::solid::Bounds;
 use crate::frame::{Geodetic, LocalFrame};
 use crate::settings::{FlightSettings, NoFlySetting};
@@ -16,13 +17,22 @@ use crate::settings::{FlightSettings, NoFlySetting};
 #[derive(Debug)]
 pub struct FreeSpace {
     pub clearance: Clearance,
-    structures: Vec<(Bounds, Arc<Structure>)>,
+    solids: Vec<Solid>,
     zones: Vec<NoFlyZone>,
     /// The box of admissible positions, m: lateral limits and altitudes.
     pub limits: Bounds,
     pub safety_distance_m: f64,
     /// Height of the tallest structure, m.
     top_m: f64,
+}
+
+/// A structure of the scene.
+#[derive(Clone, Debug)]
+struct Solid {
+    structure: Arc<Structure>,
+    bounds: Bounds,
+    /// Nothing gets inside without passing through the surface.
+    is_closed: bool,
 }
 
 /// Why a position or a leg cannot be flown.
@@ -54,35 +64,34 @@ pub enum ZoneError {
 impl FreeSpace {
     /// `settings` gives the limits, `scene` the obstacles and its own zones.
     pub fn new(scene: &Scene, settings: &FlightSettings) -> Result<Self, ZoneError> {
-        let structures = scene.structures.iter().map(|structure| (structure.bounds(), Arc::clone(structure))).collect();
-        Self::with_clearance(scene, settings, structures, Clearance::new(scene))
+        let solids = scene.structures.par_iter().map(Solid::new).collect();
+        Self::with_clearance(scene, settings, solids, Clearance::new(scene))
     }
 
     /// The same of a scene that differs from an earlier one: only what is new is made anew.
     pub fn after(before: &Self, scene: &Scene, differences: &Differences, settings: &FlightSettings) -> Result<Self, ZoneError> {
-        let structure = |(structure, kept): (&Arc<Structure>, &Option<usize>)| {
-            let bounds = kept.map_or_else(|| structure.bounds(), |old| before.structures[old].0);
-            (bounds, Arc::clone(structure))
+        let solid = |(structure, kept): (&Arc<Structure>, &Option<usize>)| {
+            kept.map_or_else(|| Solid::new(structure), |old| before.solids[old].clone())
         };
-        let structures = scene.structures.iter().zip(&differences.kept).map(structure).collect();
-        Self::with_clearance(scene, settings, structures, Clearance::after(&before.clearance, scene, differences))
+        let solids = scene.structures.iter().zip(&differences.kept).map(solid).collect();
+        Self::with_clearance(scene, settings, solids, Clearance::after(&before.clearance, scene, differences))
     }
 
     fn with_clearance(
         scene: &Scene,
         settings: &FlightSettings,
-        structures: Vec<(Bounds, Arc<Structure>)>,
+        solids: Vec<Solid>,
         clearance: Clearance,
     ) -> Result<Self, ZoneError> {
         let mut zones = scene.zones.clone();
         for setting in &settings.no_fly {
             zones.push(zone(setting, &scene.frame)?);
         }
-        let all = structures.iter().map(|(bounds, _)| *bounds).reduce(|a, b| a.union(&b));
+        let all = solids.iter().map(|solid| solid.bounds).reduce(|a, b| a.union(&b));
         Ok(Self {
             clearance,
             limits: limits(scene.captured_bounds(), settings),
-            structures,
+            solids,
             zones,
             safety_distance_m: settings.safety_distance_m,
             top_m: all.map_or(0.0, |bounds| bounds.max.z),
@@ -91,7 +100,7 @@ impl FreeSpace {
 
     /// The boxes of the scene's structures, in their order, m.
     pub fn structure_bounds(&self) -> Vec<Bounds> {
-        self.structures.iter().map(|(bounds, _)| *bounds).collect()
+        self.solids.iter().map(|solid| solid.bounds).collect()
     }
 
     /// Why `p` is not a safe position; `None` when it is one.
@@ -126,21 +135,21 @@ impl FreeSpace {
         self.zones.iter().find(|zone| zone.meets(a, b)).map(|zone| Obstruction::Zone(zone.name.clone()))
     }
 
-    /// A structure that the leg enters without coming near its surface: through a large hole of a mesh.
+    /// A structure that the leg, which keeps its distance from all surfaces, is inside of: through a large hole of a mesh.
     fn structure_along(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<&Structure> {
         let leg = b - a;
         // A hole that lets a leg in is wider than twice the safety distance, so what lies behind is not missed in such steps.
         let steps = (leg.norm() / self.safety_distance_m.min(2.0)).ceil() as usize;
         let meets = self.clearance.structures_near(&Bounds { min: a.inf(b), max: a.sup(b) });
-        let near: Vec<_> = meets
-            .into_iter()
-            .map(|index| &self.structures[index])
-            .filter(|(_, s)| matches!(s.shape, Shape::Mesh { .. }))
-            .collect();
+        let is_open = |solid: &&Solid| self.is_open(solid);
+        let near: Vec<&Solid> = meets.into_iter().map(|index| &self.solids[index]).filter(is_open).collect();
+        if near.is_empty() {
+            return None;
+        }
         (0..=steps)
             .map(|k| a + leg * (k as f64 / steps.max(1) as f64))
-            .find_map(|p| near.iter().find(|(bounds, structure)| bounds.contains(&p) && structure.contains(&p)))
-            .map(|(_, structure)| structure.as_ref())
+            .find_map(|p| near.iter().find(|solid| solid.contains(&p)))
+            .map(|solid| solid.structure.as_ref())
     }
 
     /// Whether `p` is a safe position: [`FreeSpace::obstruction_at`] without a reason, cheapest tests first.
@@ -165,13 +174,35 @@ impl FreeSpace {
 
     /// The structure that holds `p` inside, if any.
     pub fn structure_around(&self, p: &Point3<f64>) -> Option<&Structure> {
-        let near = self.clearance.structures_near(&Bounds { min: *p, max: *p }).into_iter().map(|index| &self.structures[index]);
-        near.into_iter().find(|(bounds, structure)| bounds.contains(p) && structure.contains(p)).map(|(_, s)| s.as_ref())
+        let near = self.clearance.structures_near(&Bounds { min: *p, max: *p }).into_iter().map(|index| &self.solids[index]);
+        near.into_iter().find(|solid| solid.contains(p)).map(|solid| solid.structure.as_ref())
+    }
+
+    /// A structure with holes that holds `p` inside: the only ones to look for where no surface has been passed.
+    pub fn open_structure_around(&self, p: &Point3<f64>) -> Option<&Structure> {
+        let near = self.clearance.structures_near(&Bounds { min: *p, max: *p }).into_iter().map(|index| &self.solids[index]);
+        near.into_iter().find(|solid| self.is_open(solid) && solid.contains(p)).map(|solid| solid.structure.as_ref())
+    }
+
+    /// Whether a flight might get inside without passing through a surface. The mirror image of a mesh in the ground counts as well, and has no
+    /// surface that could be met.
+    fn is_open(&self, solid: &Solid) -> bool {
+        !solid.is_closed || -solid.bounds.min.z > self.limits.min.z
     }
 
     fn outside(&self) -> Obstruction {
         let Bounds { min, max } = self.limits;
         Obstruction::OutsideLimits { min_x: min.x, max_x: max.x, min_y: min.y, max_y: max.y, min_z: min.z, max_z: max.z }
+    }
+}
+
+impl Solid {
+    fn new(structure: &Arc<Structure>) -> Self {
+        Self { bounds: structure.bounds(), is_closed: structure.is_closed(), structure: Arc::clone(structure) }
+    }
+
+    fn contains(&self, p: &Point3<f64>) -> bool {
+        self.bounds.contains(p) && self.structure.contains(p)
     }
 }
 

@@ -1,5 +1,7 @@
 //! The solids of the structures: surface, box, outline from above, and the test for being inside.
 
+use std::collections::HashMap;
+
 use geo::orient::{Direction, Orient};
 use geo::{
     Area, BooleanOps, BoundingRect, Contains, ConvexHull, LineString, MultiPoint, MultiPolygon, Point, Polygon, Rect,
@@ -17,6 +19,12 @@ const OUTLINE_NOISE_M2: f64 = 0.01;
 
 /// So many triangles are united in one go.
 const MOST_AT_ONCE: usize = 512;
+
+/// Cosines are taken for so much larger that rounding decides nothing.
+const ANGLE_SLACK: f64 = 1e-9;
+
+/// Lengths are taken for so much larger, m, that rounding decides nothing.
+const LENGTH_SLACK_M: f64 = 1e-6;
 
 /// A box along the axes, metres in the local frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,6 +85,37 @@ impl Bounds {
         enter <= leave
     }
 
+    /// Whether a line between two other boxes may lead over this one.
+    pub fn may_lie_between(&self, a: &Self, b: &Self) -> bool {
+        let circle = |bounds: &Self| {
+            let half = (bounds.max - bounds.min).xy() / 2.0;
+            (bounds.min.xy() + half, half.norm())
+        };
+        let ((own, own_m), (from, from_m), (to, to_m)) = (circle(self), circle(a), circle(b));
+        // Seen from above, all such lines lie within the wider one's radius of the line between the middles.
+        let (along, away) = (to - from, own - from);
+        let share = (away.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        self.meets(&a.union(b)) && (away - along * share).norm() <= own_m + from_m.max(to_m) + LENGTH_SLACK_M
+    }
+
+    /// Whether a line from `from` into the box may lead over `other`, seen from above: by the angles at which their circles appear.
+    pub fn may_be_behind(&self, other: &Self, from: &Point3<f64>) -> bool {
+        let circle = |bounds: &Self| {
+            let half = (bounds.max - bounds.min).xy() / 2.0;
+            ((bounds.min.xy() + half) - from.xy(), half.norm())
+        };
+        let ((to_self, own), (to_other, others)) = (circle(self), circle(other));
+        let (self_m, other_m) = (to_self.norm(), to_other.norm());
+        if self_m <= own || other_m <= others {
+            return true;
+        }
+        let (sine, other_sine) = (own / self_m, others / other_m);
+        let cosine = |sine: f64| (1.0 - sine * sine).sqrt();
+        // Half the angles at which the two appear, together, and the angle between their middles: both are between 0 and 180 degrees.
+        let apart = to_self.dot(&to_other) / (self_m * other_m);
+        other_m - others <= self_m + own && apart >= cosine(sine) * cosine(other_sine) - sine * other_sine - ANGLE_SLACK
+    }
+
     /// Whether `point` lies in the box or on its sides.
     pub fn contains(&self, point: &Point3<f64>) -> bool {
         (0..3).all(|axis| self.min[axis] <= point[axis] && point[axis] <= self.max[axis])
@@ -125,6 +164,14 @@ impl Structure {
         }
     }
 
+    /// Whether nothing gets inside without passing through the surface.
+    pub fn is_closed(&self) -> bool {
+        match &self.shape {
+            Shape::Prism { .. } | Shape::Obstacle { .. } => true,
+            Shape::Mesh { triangles } => is_closed(triangles),
+        }
+    }
+
     /// Whether `point` lies inside the solid. A mesh need not be closed: its generalised winding number decides (Jacobson et
     /// al., "Robust inside-outside segmentation using generalized winding numbers", 2013), taken together with its mirror image
     /// in the ground plane when it stands on the ground.
@@ -139,6 +186,21 @@ impl Structure {
             }
         }
     }
+}
+
+/// Whether each edge of the surface is passed as often one way as the other, so that no line gets in without meeting it.
+fn is_closed(triangles: &[Triangle]) -> bool {
+    // Adding zero makes the two zeros one.
+    let key = |corner: &Point3<f64>| corner.coords.map(|v| (v + 0.0).to_bits()).into();
+    let mut passes: HashMap<[[u64; 3]; 2], i32> = HashMap::with_capacity(2 * triangles.len());
+    for corners in triangles {
+        for k in 0..3 {
+            let (from, to): ([u64; 3], [u64; 3]) = (key(&corners[k]), key(&corners[(k + 1) % 3]));
+            let (edge, way) = if from < to { ([from, to], 1) } else { ([to, from], -1) };
+            *passes.entry(edge).or_default() += way;
+        }
+    }
+    passes.values().all(|passes| *passes == 0)
 }
 
 fn prism_triangles(footprint: &MultiPolygon<f64>, base_m: f64, top_m: f64) -> Vec<Triangle> {
@@ -291,6 +353,7 @@ mod tests {
 
     use super::*;
     use crate::scene::StructureId;
+    use crate::scene::clearance::Clearance;
 
     fn structure(shape: Shape) -> Structure {
         Structure { id: StructureId::of_name("a"), name: "a".into(), shape }
@@ -341,6 +404,31 @@ mod tests {
         assert!(outline.signed_area() > 0.0);
         assert_eq!(outline.0.iter().map(|polygon| polygon.interiors().len()).sum::<usize>(), 1);
         assert_eq!(mesh.bounds(), prism.bounds());
+    }
+
+    #[test]
+    fn a_surface_with_a_hole_is_not_closed() {
+        let of = |triangles: Vec<Triangle>| structure(Shape::Mesh { triangles });
+        let mut triangles = structure(Shape::Prism { footprint: court(), base_m: 4.0, top_m: 10.0 }).triangles();
+        assert!(of(triangles.clone()).is_closed());
+        let lost = triangles.pop().expect("it has triangles");
+        assert!(!of(triangles.clone()).is_closed());
+        triangles.push([lost[0], lost[2], lost[1]]);
+        assert!(!of(triangles).is_closed(), "turned round it closes nothing");
+    }
+
+    proptest! {
+        #[test]
+        fn a_line_that_meets_no_closed_surface_stays_inside_or_outside(
+            a in [-5.0..50.0f64, -5.0..30.0, 0.5..16.0], b in [-5.0..50.0f64, -5.0..30.0, 0.5..16.0],
+        ) {
+            let prism = structure(Shape::Prism { footprint: court(), base_m: 4.0, top_m: 10.0 });
+            let mesh = structure(Shape::Mesh { triangles: prism.triangles() });
+            let (a, b) = (Point3::from(a), Point3::from(b));
+            if !Clearance::of_triangles(prism.triangles()).occluded(&a, &b) {
+                prop_assert_eq!(mesh.contains(&a), mesh.contains(&b));
+            }
+        }
     }
 
     #[test]

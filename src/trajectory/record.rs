@@ -15,6 +15,7 @@ use crate::camera::Rig;
 use crate::coverage::Information;
 use crate::field::{Changes, Snapshot};
 use crate::scene::Bounds;
+use crate::scene::clearance::Exchange;
 use crate::search::Problem;
 use crate::search::reach::Reach;
 use crate::stop::StopToken;
@@ -158,6 +159,7 @@ struct Recast<'a> {
     in_slot: Vec<u32>,
     /// Boxes in which something changed, with the old images near them.
     beside: Vec<(Bounds, Vec<usize>)>,
+    exchange: &'a Exchange,
     reach_m: f64,
 }
 
@@ -168,7 +170,7 @@ impl<'a> Recast<'a> {
         problem: &'a Problem,
         images: &'a [Image],
         slots: &mut Vec<Option<Image>>,
-        changes: &Changes,
+        changes: &'a Changes,
     ) -> Self {
         let mut known: HashMap<_, u32> =
             slots.iter().enumerate().filter_map(|(slot, image)| Some((key(image.as_ref()?), slot as u32))).collect();
@@ -206,6 +208,7 @@ impl<'a> Recast<'a> {
             is_gone,
             in_slot,
             beside: changes.differences.boxes().map(beside).collect(),
+            exchange: &changes.exchange,
             slots: slot,
             reach_m,
         }
@@ -230,7 +233,9 @@ impl<'a> Recast<'a> {
         again.retain(|&k| is_near(position(k)));
         for (bounds, beside) in &self.beside {
             if bounds.distance_squared(&place) <= self.reach_m * self.reach_m {
-                again.extend(beside.iter().copied().filter(|&k| bounds.meets_segment(position(k), &end)));
+                let was_seen = |k: usize| list.iter().any(|one| one.image == self.slots[k]);
+                let may_change = |k: usize| self.exchange.may_change(!was_seen(k), position(k), &end);
+                again.extend(beside.iter().copied().filter(|&k| bounds.meets_segment(position(k), &end) && may_change(k)));
             }
         }
         let has_gone = self.gone.within(place.x, self.reach_m).into_iter().any(|k| is_near(&self.gone_at[k]));

@@ -102,20 +102,31 @@ fn arc_obstruction(arc: &Arc, free: &FreeSpace) -> Option<Obstruction> {
     // Most arcs are far from everything: one look at the whole arc is enough, but for zones, of which some are thinner than an arc, and for what
     // lies behind a large hole of a mesh.
     if free.clearance.keeps_distance(&start, &end, free.safety_distance_m + arc.sagitta_m()) {
-        let around =
-            arc.points(COARSE_SAGITTA_M).find_map(|p| free.structure_around(&p).map(|s| Obstruction::Inside(s.name.clone())));
+        let around = arc
+            .points(COARSE_SAGITTA_M)
+            .find_map(|p| free.open_structure_around(&p).map(|s| Obstruction::Inside(s.name.clone())));
         return around.or_else(|| arc.hull(SAGITTA_M).flatten().find_map(|[from, to]| free.zone_between(&from, &to)));
     }
     arc.hull(SAGITTA_M).flatten().find_map(|[from, to]| free.obstruction_between(&from, &to))
 }
 
+/// Nearly every flight passes something about as closely as it may, which is soon found where nothing farther away is looked at.
+const NEAR_SHARE: f64 = 1.2;
+
 fn least_distance_m(curve: &Curve, free: &FreeSpace) -> f64 {
+    let near_m = NEAR_SHARE * free.safety_distance_m;
+    let found_m = least_distance_within_m(near_m, curve, free);
+    if found_m < near_m { found_m } else { least_distance_within_m(f64::INFINITY, curve, free) }
+}
+
+/// The smallest distance if it is below `cap_m`, else that.
+fn least_distance_within_m(cap_m: f64, curve: &Curve, free: &FreeSpace) -> f64 {
     let clearance = &free.clearance;
     let distance_m = |least_m: f64, [from, to]: [Point3<f64>; 2]| clearance.segment_distance_m(&from, &to, least_m);
     let lowest_m = |points: &mut dyn Iterator<Item = Point3<f64>>| points.map(|p| p.z).fold(f64::INFINITY, f64::min);
     let sides = || curve.arcs.iter().flat_map(|arc| arc.hull(SAGITTA_M)).flatten().flatten();
     // A curve of straight parts and arcs is lowest at a waypoint or on an arc.
-    let ground_m = lowest_m(&mut sides().chain(curve.arcs.iter().flat_map(Arc::ends)));
+    let ground_m = lowest_m(&mut sides().chain(curve.arcs.iter().flat_map(Arc::ends))).min(cap_m);
     let first_m = curve.waypoints.first().map_or(ground_m, |p| clearance.point_distance_m(p, ground_m.min(p.z)));
     let least = |one_m: f64, other_m: f64| one_m.min(other_m);
     let legs = (0..curve.legs()).into_par_iter().with_min_len(LEAST_PARTS).map(|leg| curve.straight(leg));

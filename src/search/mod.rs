@@ -1,6 +1,7 @@
 //! The tree search for one continuous path (paper, section 5).
 
 pub mod captured;
+pub mod cover;
 pub mod leg;
 pub mod objective;
 pub mod outcome;

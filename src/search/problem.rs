@@ -7,6 +7,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::{FieldTable, Row};
 
 use super::captured::{self, Captured};
+use super::cover::{Cover, Order};
 use super::leg::{angle_rad, image_poses};
 use super::objective::Objective;
 use super::reach::{Reach, Seeing};
@@ -76,6 +77,8 @@ pub struct Problem<'a> {
     pub thresholds: Vec<u32>,
     /// Samples with the axes of their hemispheres.
     pub frames: Vec<SampleFrame>,
+    /// Where they stand in the nodes of a tree.
+    pub order: Order,
     /// The discretised view directions of a camera on a gimbal (section 5.4); empty for other rigs.
     pub view_directions: Vec<Unit<Vector3<f64>>>,
     /// Disks as the field's, or with a shorter range.
@@ -172,6 +175,7 @@ impl<'a> Problem<'a> {
             disks,
             areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
             thresholds: ceilings.iter().map(|cells| if is_capturable(&cells) { threshold } else { CELLS as u32 }).collect(),
+            order: Order::new(&frames),
             frames,
             ceilings,
             matchable,
@@ -310,10 +314,19 @@ impl<'a> Problem<'a> {
         union::cover(covered, seen, &self.areas_mm2, &self.thresholds)
     }
 
-    /// How many nodes a tree may have: each holds a mask for every sample.
-    pub fn most_nodes(&self) -> usize {
-        let node_bytes = self.field.samples.len() * size_of::<Mask>();
-        (self.settings.memory_mb as usize * 1_000_000 / node_bytes.max(1)).max(2)
+    /// What [`Problem::gain`] says of a node's cover.
+    pub fn gain_over(&self, covered: &Cover, seen: &Observations) -> Information {
+        covered.gain(&self.order, seen, &self.areas_mm2)
+    }
+
+    /// What [`Problem::cover`] does to a node's cover.
+    pub fn add_to(&self, covered: &mut Cover, seen: &Observations) -> Gained {
+        covered.add(&self.order, seen, &self.areas_mm2, &self.thresholds)
+    }
+
+    /// Most memory of a tree, bytes.
+    pub fn most_bytes(&self) -> usize {
+        self.settings.memory_mb as usize * 1_000_000
     }
 
     /// Samples that have to be matched for such a share of those that can be: more than `goal_percent` of them, or none for 0.

@@ -44,7 +44,7 @@ pub fn search(
             reason = StopReason::Cancelled;
             break;
         }
-        if tree.nodes.len() >= problem.most_nodes() {
+        if tree.bytes() >= problem.most_bytes() {
             reason = StopReason::MemoryUsed;
             break;
         }

@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
 
+use super::cover::Cover;
 use super::leg::{heading, image_poses};
 use super::objective::PathSums;
 use super::outcome::StopReason;
@@ -106,6 +107,10 @@ fn is_admissible(problem: &Problem, settings: &Settings, from: &Pose, to: &Pose)
         && (1..=images).map(|k| pitch_of(k as f64 / images as f64)).all(|pitch| (low - 1e-6..=high + 1e-6).contains(&pitch))
 }
 
+fn dense(problem: &Problem, covered: &Cover) -> Vec<Mask> {
+    (0..problem.frames.len()).map(|i| covered.cells(&problem.order, i)).collect()
+}
+
 /// What a leg gains beyond `covered`, image by image.
 fn gain_of_leg(problem: &Problem, covered: &[Mask], from: &Pose, to: &Pose) -> u64 {
     let (mut covered, mut scratch) = (covered.to_vec(), problem.scratch());
@@ -130,7 +135,7 @@ proptest! {
                 let node = &tree.nodes[n];
                 prop_assert_eq!(node.sums.information, sums.information);
                 prop_assert_eq!(node.captured, captured);
-                prop_assert_eq!(&node.covered, &covered);
+                prop_assert_eq!(&dense(&problem, &node.covered), &covered);
                 prop_assert!((node.sums.length_m - sums.length_m).abs() < 1e-6);
                 prop_assert!((node.sums.turning_s - sums.turning_s).abs() < 1e-6);
                 prop_assert!((node.objective - problem.objective.value(&sums)).abs() < 1e-6);
@@ -194,6 +199,22 @@ proptest! {
     }
 }
 
+#[test]
+fn a_tree_over_a_town_holds_what_its_legs_touch() {
+    let mut settings = Settings::default();
+    (settings.surface.samples, settings.field.viewpoints) = (3000, 3000);
+    let block = BlockSettings { seed: 5, extent_m: [700.0, 700.0], buildings: 150, ..Default::default() };
+    let stop = StopToken::default();
+    let session = Session::new(generate_block(&block), Arc::new(settings.clone()), &stop).expect("a generated block has a field");
+    let snapshot = session.survey(&stop).and_then(|survey| survey.into_snapshot(&stop)).expect("nobody stops it");
+    let problem = Problem::new(&snapshot, &settings, panoramic());
+    let tree = grown(&problem, 1, 120);
+    let rows = tree.nodes.len() * problem.frames.len() * size_of::<Mask>();
+    let pages = tree.nodes[0].covered.page_bytes();
+    assert!(0 < pages && pages < rows / 4, "{pages} bytes of pages, {rows} of whole rows");
+    assert!(tree.bytes() > pages + tree.nodes.len() * tree.nodes[0].covered.own_bytes());
+}
+
 /// Of the discretised directions and the parent's own, the first with the largest gain over the leg that child and grandchildren allow.
 fn best_end(problem: &Problem, settings: &Settings, tree: &Tree, parent: usize, child: usize) -> Option<(Pose, u64)> {
     let (from, position) = (&tree.nodes[parent].pose, tree.nodes[child].pose.position);
@@ -203,7 +224,7 @@ fn best_end(problem: &Problem, settings: &Settings, tree: &Tree, parent: usize, 
         let children = &tree.nodes[child].children;
         let fits = is_admissible(problem, settings, from, &end)
             && children.iter().all(|&next| is_admissible(problem, settings, &end, &tree.nodes[next].pose));
-        let gained = gain_of_leg(problem, &tree.nodes[parent].covered, from, &end);
+        let gained = gain_of_leg(problem, &dense(problem, &tree.nodes[parent].covered), from, &end);
         if fits && best.is_none_or(|(_, most)| gained > most) {
             best = Some((end, gained));
         }

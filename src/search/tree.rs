@@ -5,11 +5,13 @@ use std::rc::Rc;
 
 use nalgebra::Point3;
 
+use super::cover::Cover;
 use super::leg::heading;
 use super::objective::PathSums;
 use super::problem::{Problem, Scratch};
 use super::view_choice::ViewChoice;
 use crate::camera::{Cameras, Pose};
+
 use crate::coverage::Mask;
 use crate::coverage::union::{Gained, Observations};
 
@@ -24,8 +26,8 @@ pub struct Node {
     pub objective: f64,
     /// Capturable samples above the threshold on the path.
     pub captured: u32,
-    /// Union of all views on the path, sample by sample.
-    pub covered: Vec<Mask>,
+    /// Union of all views on the path.
+    pub covered: Cover,
     /// What the views on the leg from the parent see.
     seen: Rc<Observations>,
 }
@@ -47,33 +49,47 @@ pub struct Tree<'p, 'a> {
     flyable: HashMap<(usize, usize), bool>,
     /// What a leg adds, by its start and end node: a cache, for rigs whose legs do not depend on their ends' directions.
     legs: HashMap<(usize, usize), Rc<Observations>>,
-    /// Entries of all cached legs together.
+    /// Entries of all cached legs together, and of those that the nodes hold.
     held: usize,
+    held_by_nodes: usize,
     scratch: Scratch,
     views: ViewChoice,
 }
 
-/// The cache of legs keeps at most this many entries (of 20 bytes).
+/// The cache of legs keeps at most this many entries.
 const MOST_HELD: usize = 2_000_000;
+
+/// A sample that a leg sees, with its cells, bytes.
+const ENTRY_BYTES: usize = size_of::<u32>() + size_of::<Mask>();
 
 impl<'p, 'a> Tree<'p, 'a> {
     /// A tree of the root alone, which takes an image.
     pub fn new(problem: &'p Problem<'a>, root: Pose) -> Self {
         let mut scratch = problem.scratch();
-        let (mut covered, before) = problem.captured_cells();
+        let (cells, before) = problem.captured_cells();
+        let mut covered = Cover::of(&cells, &problem.order);
         // The root's own image covers, but the sums of Eq. 6 begin with the first leg (k = 2).
-        let Gained { captured, .. } = problem.cover(&mut covered, &problem.observe_pose(&root, &mut scratch));
+        let Gained { captured, .. } = problem.add_to(&mut covered, &problem.observe_pose(&root, &mut scratch));
         let captured = before + captured;
         let sums = PathSums::default();
         let objective = problem.objective.value(&sums);
-        let root = Node { captured, covered, objective, ..Node::at(root) };
+        let root = Node { captured, objective, ..Node::at(root, covered) };
         let views = ViewChoice::new(problem.field.samples.len());
-        Self { problem, nodes: vec![root], flyable: HashMap::new(), legs: HashMap::new(), held: 0, scratch, views }
+        let (flyable, legs) = (HashMap::new(), HashMap::new());
+        Self { problem, nodes: vec![root], flyable, legs, held: 0, held_by_nodes: 0, scratch, views }
+    }
+
+    /// Memory of the tree, bytes, but for what is small.
+    pub fn bytes(&self) -> usize {
+        let covered = &self.nodes[0].covered;
+        let node_bytes = size_of::<Node>() + covered.own_bytes();
+        self.nodes.len() * node_bytes + covered.page_bytes() + (self.held + self.held_by_nodes) * ENTRY_BYTES
     }
 
     /// Adds a node without a parent; [`Tree::connect`] follows and gives it its direction.
     pub fn add(&mut self, position: Point3<f64>) -> usize {
-        self.nodes.push(Node::at(Pose { position, direction: None }));
+        let covered = self.nodes[0].covered.clone();
+        self.nodes.push(Node::at(Pose { position, direction: None }, covered));
         self.nodes.len() - 1
     }
 
@@ -122,7 +138,7 @@ impl<'p, 'a> Tree<'p, 'a> {
         }
         let end = self.end_without_gimbal(parent, child);
         let seen = self.leg(parent, child, &end);
-        let objective = objective(problem.gain(&self.nodes[parent].covered, &seen));
+        let objective = objective(problem.gain_over(&self.nodes[parent].covered, &seen));
         (objective > least).then_some(Offer { objective, end })
     }
 
@@ -135,11 +151,11 @@ impl<'p, 'a> Tree<'p, 'a> {
         self.nodes[parent].children.push(child);
         let has_turned = self.nodes[child].pose != end;
         self.nodes[child].pose = end;
-        self.nodes[child].seen = self.leg(parent, child, &end);
+        self.see(parent, child, &end);
         if has_turned && self.problem.rig.has_gimbal() {
             for grandchild in self.nodes[child].children.clone() {
                 let end = self.nodes[grandchild].pose;
-                self.nodes[grandchild].seen = self.leg(child, grandchild, &end);
+                self.see(child, grandchild, &end);
             }
         }
         let mut stack = vec![child];
@@ -164,9 +180,8 @@ impl<'p, 'a> Tree<'p, 'a> {
     /// Recomputes a node's path state from its parent's.
     fn update(&mut self, node: usize) {
         let parent = self.nodes[node].parent.expect("the root is never updated");
-        let mut covered = std::mem::take(&mut self.nodes[node].covered);
-        covered.clone_from(&self.nodes[parent].covered);
-        let gained = self.problem.cover(&mut covered, &self.nodes[node].seen);
+        let mut covered = self.nodes[parent].covered.clone();
+        let gained = self.problem.add_to(&mut covered, &self.nodes[node].seen);
         let mut sums = self.sums_with_leg(parent, node);
         sums.information += gained.information;
         let captured = self.nodes[parent].captured + gained.captured;
@@ -198,6 +213,13 @@ impl<'p, 'a> Tree<'p, 'a> {
         Pose { position, direction }
     }
 
+    /// Looks at the leg to a node.
+    fn see(&mut self, parent: usize, node: usize, end: &Pose) {
+        let seen = self.leg(parent, node, end);
+        self.held_by_nodes += seen.len();
+        self.held_by_nodes -= std::mem::replace(&mut self.nodes[node].seen, seen).len();
+    }
+
     fn leg(&mut self, from: usize, to: usize, end: &Pose) -> Rc<Observations> {
         if self.problem.rig.has_gimbal() {
             return Rc::new(self.problem.observe_leg(&self.nodes[from].pose, end, &mut self.scratch));
@@ -218,7 +240,7 @@ impl<'p, 'a> Tree<'p, 'a> {
 }
 
 impl Node {
-    fn at(pose: Pose) -> Self {
+    fn at(pose: Pose, covered: Cover) -> Self {
         Self {
             pose,
             parent: None,
@@ -226,7 +248,7 @@ impl Node {
             sums: PathSums::default(),
             objective: f64::NEG_INFINITY,
             captured: 0,
-            covered: Vec::new(),
+            covered,
             seen: Rc::default(),
         }
     }

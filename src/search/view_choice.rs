@@ -3,6 +3,7 @@
 
 use nalgebra::Point3;
 
+use super::cover::Cover;
 use super::leg::image_poses;
 use super::problem::Problem;
 use crate::camera::Pose;
@@ -41,7 +42,7 @@ impl ViewChoice {
         &mut self,
         problem: &Problem,
         from: &Pose,
-        covered: &[Mask],
+        covered: &Cover,
         to: &Point3<f64>,
         fits: &dyn Fn(&Pose) -> bool,
         is_worth: &dyn Fn(Information) -> bool,
@@ -63,13 +64,13 @@ impl ViewChoice {
         best.filter(|&(_, gained)| is_worth(gained))
     }
 
-    fn look(&mut self, problem: &Problem, from: &Pose, covered: &[Mask], to: &Point3<f64>) {
+    fn look(&mut self, problem: &Problem, from: &Pose, covered: &Cover, to: &Point3<f64>) {
         self.sights.clear();
         self.ends.clear();
         let end = Pose { position: *to, direction: from.direction };
         for pose in image_poses(&problem.rig, from, &end, problem.spacing) {
             for (i, mask) in problem.sighted(&pose.position) {
-                let cells = mask & !covered[i];
+                let cells = mask & !covered.cells(&problem.order, i);
                 if cells != 0 {
                     let (target, area_mm2) = (problem.frames[i].position, problem.areas_mm2[i]);
                     self.sights.push(Sight { target, cells, area_mm2, sample: i as u32 });

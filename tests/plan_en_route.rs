@@ -301,7 +301,7 @@ proptest! {
         let legs = on.egress.legs();
         prop_assert!(legs > 0 || now.free.is_safe(&at));
         let profile = on.profile().unwrap();
-        prop_assert!(safety::check_behind(profile.curve(), legs, &now.free).is_ok());
+        prop_assert!(safety::check_behind(profile.curve(), legs, &now.free, None).is_ok());
         let place = |k: usize| on.waypoints[k].position_m;
         if on.egress.brakes {
             let (ahead, way) = (en_route.velocity_mps, place(1) - place(0));

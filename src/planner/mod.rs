@@ -85,7 +85,8 @@ pub fn replan(
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
     }
     let matched_goal_percent = matched_goal_percent(settings, options);
-    let mut order = Order { snapshot, settings, options, problem: &problem, matched_goal_percent, stop, departure: None };
+    let known = record.as_ref().and_then(|record| record.known(snapshot));
+    let mut order = Order { snapshot, settings, options, problem: &problem, matched_goal_percent, stop, departure: None, known };
     if let Some(en_route) = &options.en_route {
         order.departure = Some(order.depart(en_route)?);
     }

@@ -14,6 +14,7 @@ use crate::stop::StopToken;
 use crate::trajectory::egress::Egress;
 use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::Exposed;
+use crate::trajectory::known::{Known, SafeFlight};
 use crate::trajectory::limits::Limits;
 use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, StopReason, Waypoint};
 use crate::trajectory::profile::Profile;
@@ -31,6 +32,8 @@ pub struct Order<'o> {
     pub stop: &'o StopToken,
     /// How a flight leaves an aircraft's pose, for one that is in the air already.
     pub departure: Option<Departure>,
+    /// What is known to be safe of the flight before.
+    pub known: Option<Known>,
 }
 
 impl Order<'_> {
@@ -43,7 +46,7 @@ impl Order<'_> {
     /// The plan of a flight that was found: its curve, its images and what they capture, checked for safety. With the record of the flight
     /// before an edit only what may have changed is looked at.
     pub fn finished(&self, Found { route, convergence, stop: reason }: Found, before: Option<Record>) -> Result<Made, PlanError> {
-        let Self { snapshot, settings, options, problem, matched_goal_percent, stop, ref departure } = *self;
+        let Self { snapshot, settings, options, problem, matched_goal_percent, stop, ref departure, .. } = *self;
         let rig = &problem.rig;
         let route = self.whole_route(route);
         let (limits, deviations_m, profile) = self.timed(&route.waypoints);
@@ -52,7 +55,7 @@ impl Order<'_> {
             Some(before) => before.after(snapshot, problem, &images, stop),
             None => Record::new(snapshot, problem, &images, stop),
         };
-        let record = record.ok_or(PlanError::Abandoned)?;
+        let mut record = record.ok_or(PlanError::Abandoned)?;
         let capture = record.capture(problem);
         // Which images are dispensable takes longer to find out than a flight on the way may wait.
         if !matches!(reason, StopReason::Repaired | StopReason::Improved) {
@@ -62,7 +65,13 @@ impl Order<'_> {
         }
         let egress = departure.as_ref().map_or_else(Egress::default, |departure| departure.egress);
         egress.check(&profile.curve().waypoints, &limits, &snapshot.free)?;
-        let clearance_m = safety::check_behind(profile.curve(), egress.legs(), &snapshot.free)?;
+        let clearance_m = safety::check_behind(profile.curve(), egress.legs(), &snapshot.free, self.known.as_ref())?;
+        record.flight = Some(SafeFlight {
+            curve: profile.curve().clone(),
+            deviations_m: deviations_m.clone(),
+            egress_legs: egress.legs(),
+            safety_distance_m: snapshot.free.safety_distance_m,
+        });
         // What belongs to no leg: the views at the start, or what was captured before a flight that begins in the air.
         let at_start = match departure {
             None => record.information_at_start(problem),
@@ -104,11 +113,12 @@ impl Order<'_> {
     pub fn resumed(&self) -> Option<Vec<Pose>> {
         let Self { options, problem, .. } = *self;
         let earlier = options.earlier.as_ref().filter(|_| matches!(options.method, Method::Refined | Method::Paper))?;
+        let known = self.known.as_ref();
         let path = match &self.departure {
-            None => resume::resumed(problem, earlier, options.start_m.is_some())?,
+            None => resume::resumed(problem, earlier, options.start_m.is_some(), known)?,
             Some(departure) => {
                 let from_start: Vec<Pose> = std::iter::once(departure.start()).chain(earlier.iter().copied()).collect();
-                departure.landed(problem, &resume::resumed(problem, &from_start, true)?)?
+                departure.landed(problem, &resume::resumed(problem, &from_start, true, known)?)?
             }
         };
         Some(headed(&problem.rig, &path))
@@ -154,7 +164,7 @@ impl Order<'_> {
     /// A whole path as it is flown: its limits, how far the arcs may pass from the corners, m, and its profile.
     fn timed(&self, path: &[Pose]) -> (Limits, Vec<f64>, Profile) {
         let mut limits = Limits::new(&self.problem.rig, &self.settings.flight, &self.settings.dynamics);
-        let mut deviations_m = safety::deviations_m(path, &limits, &self.snapshot.free);
+        let mut deviations_m = safety::deviations_m(path, &limits, &self.snapshot.free, self.known.as_ref());
         if let Some(departure) = &self.departure {
             limits.entry_mps = departure.entry_mps();
             deviations_m = departure.stopped(deviations_m);

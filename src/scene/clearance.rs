@@ -51,7 +51,7 @@ impl Clearance {
     }
 
     /// Only these structures of the scene, by their places in it.
-    fn only(&self, is_in: impl Fn(usize) -> bool) -> Self {
+    pub(super) fn only(&self, is_in: impl Fn(usize) -> bool) -> Self {
         let bodies = self.bodies.iter().enumerate().filter(|(index, _)| is_in(*index));
         Self::of_bodies(bodies.map(|(_, body)| Arc::clone(body)).collect())
     }

@@ -98,6 +98,18 @@ impl FreeSpace {
         })
     }
 
+    /// The same space with those structures alone that an earlier scene did not have.
+    pub fn only_new(&self, differences: &Differences) -> Self {
+        let is_new = |index: usize| differences.kept[index].is_none();
+        let solids = self.solids.iter().enumerate().filter(|(index, _)| is_new(*index));
+        Self {
+            clearance: self.clearance.only(is_new),
+            solids: solids.map(|(_, solid)| solid.clone()).collect(),
+            zones: self.zones.clone(),
+            ..*self
+        }
+    }
+
     /// The boxes of the scene's structures, in their order, m.
     pub fn structure_bounds(&self) -> Vec<Bounds> {
         self.solids.iter().map(|solid| solid.bounds).collect()

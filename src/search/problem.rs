@@ -77,8 +77,8 @@ pub struct Problem<'a> {
     pub thresholds: Vec<u32>,
     /// Samples with the axes of their hemispheres.
     pub frames: Vec<SampleFrame>,
-    /// Where they stand in the nodes of a tree.
-    pub order: Order,
+    /// Where they stand in the nodes of a tree; found out for the first one.
+    order: OnceLock<Order>,
     /// The discretised view directions of a camera on a gimbal (section 5.4); empty for other rigs.
     pub view_directions: Vec<Unit<Vector3<f64>>>,
     /// Disks as the field's, or with a shorter range.
@@ -175,7 +175,7 @@ impl<'a> Problem<'a> {
             disks,
             areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
             thresholds: ceilings.iter().map(|cells| if is_capturable(&cells) { threshold } else { CELLS as u32 }).collect(),
-            order: Order::new(&frames),
+            order: OnceLock::new(),
             frames,
             ceilings,
             matchable,
@@ -234,7 +234,12 @@ impl<'a> Problem<'a> {
 
     /// Whether a pose may be a waypoint.
     pub fn is_admissible(&self, pose: &Pose) -> bool {
-        pose.direction.is_none_or(|direction| self.rig.reaches(&direction)) && self.free.is_safe(&pose.position)
+        self.can_look(pose) && self.free.is_safe(&pose.position)
+    }
+
+    /// Whether the gimbal reaches a pose's direction.
+    pub fn can_look(&self, pose: &Pose) -> bool {
+        pose.direction.is_none_or(|direction| self.rig.reaches(&direction))
     }
 
     /// Whether a leg is long enough for its images and the view turns slowly enough on it; safety is not looked at.
@@ -314,14 +319,19 @@ impl<'a> Problem<'a> {
         union::cover(covered, seen, &self.areas_mm2, &self.thresholds)
     }
 
+    /// Where the samples stand in the nodes of a tree.
+    pub fn order(&self) -> &Order {
+        self.order.get_or_init(|| Order::new(&self.frames))
+    }
+
     /// What [`Problem::gain`] says of a node's cover.
     pub fn gain_over(&self, covered: &Cover, seen: &Observations) -> Information {
-        covered.gain(&self.order, seen, &self.areas_mm2)
+        covered.gain(self.order(), seen, &self.areas_mm2)
     }
 
     /// What [`Problem::cover`] does to a node's cover.
     pub fn add_to(&self, covered: &mut Cover, seen: &Observations) -> Gained {
-        covered.add(&self.order, seen, &self.areas_mm2, &self.thresholds)
+        covered.add(self.order(), seen, &self.areas_mm2, &self.thresholds)
     }
 
     /// Most memory of a tree, bytes.

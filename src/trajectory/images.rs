@@ -1,6 +1,7 @@
 //! The images of a route: one for each camera and exposure, where the drone really is at their instants.
 
 use nalgebra::{Unit, Vector3};
+use rayon::prelude::*;
 
 use super::plan::Image;
 use super::profile::{Passage, Profile};
@@ -22,6 +23,8 @@ pub struct Exposed {
 /// An exposure may wait for the shutter this share of its interval: further on, the view would be another one. One without which an overlap
 /// would be lost waits as long as it has to.
 const MOST_WAIT: f64 = 0.25;
+/// Exposures that a worker takes at once, at least.
+const LEAST_EXPOSURES: usize = 128;
 /// Intervals are kept to within rounding of the times, s.
 const TIME_TOLERANCE_S: f64 = 1e-9;
 
@@ -34,8 +37,10 @@ pub fn expose(route: &Route, rig: &Rig, profile: &Profile) -> Exposed {
     let mut exposed = Exposed::default();
     let mut ready_s = f64::NEG_INFINITY;
     let mut last = None;
-    for (index, exposure) in route.exposures.iter().enumerate() {
-        let Some(planned) = profile.passing(exposure.leg, exposure.flown_m) else { continue };
+    let passings = route.exposures.par_iter().with_min_len(LEAST_EXPOSURES);
+    let passings: Vec<Option<Passage>> = passings.map(|exposure| profile.passing(exposure.leg, exposure.flown_m)).collect();
+    for (index, (exposure, planned)) in route.exposures.iter().zip(passings).enumerate() {
+        let Some(planned) = planned else { continue };
         let wait_s = ready_s - planned.time_s;
         let (passage, direction) = if wait_s <= TIME_TOLERANCE_S {
             (planned, direction(exposure, rig, &planned))
@@ -70,14 +75,16 @@ fn is_missed(route: &Route, last: Option<&Passage>, index: usize) -> bool {
 
 /// The most that an image is smeared by the flight during its exposure, at the surface nearest to it, px; 0 without images.
 pub fn blur_px(images: &[Image], rig: &Rig, profile: &Profile, clearance: &Clearance) -> f64 {
-    images.iter().fold(0.0, |most_px: f64, image| {
+    let smeared = |most_px: f64, image: &Image| {
         let speed_mps = profile.at(image.time_s).map_or(0.0, |passage| passage.velocity_mps.norm());
         let smear_px_m = speed_mps * rig.exposure_s / rig.pixel_rad(image.camera as usize);
-        // A surface counts when it smears more than the most so far. The ground is the surface when nothing is nearer.
-        let cap_m = image.position_m.z.min(smear_px_m / most_px.max(f64::MIN_POSITIVE));
-        let distance_m = clearance.point_distance_m(&image.position_m, cap_m);
-        most_px.max(smear_px_m / distance_m.max(f64::MIN_POSITIVE))
-    })
+        // A surface counts when it smears more than the most so far; farther ones are looked at by so little that rounding decides nothing, whatever was
+        // the most so far. The ground is the surface when nothing is nearer.
+        let cap_m = smear_px_m / most_px.max(f64::MIN_POSITIVE) * (1.0 + 1e-9);
+        let distance_m = clearance.point_distance_m(&image.position_m, image.position_m.z.min(cap_m));
+        if distance_m < cap_m { most_px.max(smear_px_m / distance_m.max(f64::MIN_POSITIVE)) } else { most_px }
+    };
+    images.par_iter().with_min_len(LEAST_EXPOSURES).fold(|| 0.0, smeared).reduce(|| 0.0, f64::max)
 }
 
 /// Where a rig is turned at an exposure: a gimbal as the route says; bolted cameras ahead along the curve, which on an arc is its

@@ -5,6 +5,7 @@ pub mod curve;
 pub mod egress;
 pub mod evaluate;
 pub mod images;
+pub mod known;
 pub mod limits;
 pub mod plan;
 pub mod profile;

@@ -10,6 +10,7 @@ use nalgebra::{Point3, distance_squared};
 use rayon::prelude::*;
 
 use super::evaluate::{Capture, Caster, Sighting, Sightings, Strip, Tally};
+use super::known::{Known, SafeFlight};
 use super::plan::Image;
 use crate::camera::Rig;
 use crate::coverage::Information;
@@ -39,6 +40,8 @@ pub struct Record {
     tally: Tally,
     /// Slots of the images at the start, which belong to no leg.
     at_start: Vec<u32>,
+    /// The flight itself, once it is known to be safe.
+    pub flight: Option<SafeFlight>,
 }
 
 impl Record {
@@ -56,7 +59,14 @@ impl Record {
             sightings,
             tally,
             at_start: (0..cameras).collect(),
+            flight: None,
         })
+    }
+
+    /// What is known to be safe of the flight in the revision that follows.
+    pub fn known(&self, snapshot: &Snapshot) -> Option<Known> {
+        let is_before = snapshot.changes().is_some_and(|changes| changes.since == self.revision);
+        is_before.then(|| Known::new(self.flight.clone()?, snapshot))?
     }
 
     /// What the rig could reach, if this is the record of the revision that `snapshot` followed from, by the same rig.
@@ -116,6 +126,7 @@ impl Record {
             sightings: Sightings(lists.into_iter().map(|(_, list)| list).collect()),
             tally,
             rig,
+            flight: None,
         }
     }
 
@@ -172,9 +183,11 @@ impl<'a> Recast<'a> {
         slots: &mut Vec<Option<Image>>,
         changes: &'a Changes,
     ) -> Self {
-        let mut known: HashMap<_, u32> =
-            slots.iter().enumerate().filter_map(|(slot, image)| Some((key(image.as_ref()?), slot as u32))).collect();
-        let found: Vec<Option<u32>> = images.iter().map(|image| known.remove(&key(image))).collect();
+        let occupied = slots.iter().enumerate().filter_map(|(slot, image)| Some((place(image.as_ref()?), slot as u32)));
+        let mut known: HashMap<_, u32> = occupied.collect();
+        let is_same = |image: &Image, slot: u32| slots[slot as usize].is_some_and(|known| key(&known) == key(image));
+        let found = |image: &Image| known.remove(&place(image)).filter(|&slot| is_same(image, slot));
+        let found: Vec<Option<u32>> = images.iter().map(found).collect();
         let mut is_gone = vec![true; slots.len()];
         found.iter().flatten().for_each(|&slot| is_gone[slot as usize] = false);
         let gone_at = slots.iter_mut().zip(&is_gone).filter(|(_, is_gone)| **is_gone);
@@ -256,6 +269,12 @@ impl<'a> Recast<'a> {
     fn slotted(&self, sighting: Sighting) -> Sighting {
         Sighting { image: self.slots[sighting.image as usize], ..sighting }
     }
+}
+
+/// Where an image is taken, and by which camera. Two that agree in that and look elsewhere are rare: one of them counts as new.
+fn place(image: &Image) -> [u64; 4] {
+    let [x, y, z] = image.position_m.coords.map(f64::to_bits).into();
+    [x, y, z, u64::from(image.camera)]
 }
 
 /// What an image's view depends on, to the last bit, for one rig.

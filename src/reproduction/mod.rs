@@ -9,6 +9,7 @@ mod equal;
 mod fig10;
 mod fig9;
 mod figures;
+mod growth;
 pub mod json;
 pub mod markdown;
 mod matched;
@@ -72,11 +73,13 @@ pub enum Part {
     /// How far cameras see, which the paper leaves open.
     Sight,
     Sweep,
+    /// How a field grows with the area.
+    Growth,
 }
 
 impl Part {
     /// All parts, in the order in which they are reported.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Table1,
         Self::Table2,
         Self::Table3,
@@ -91,6 +94,7 @@ impl Part {
         Self::Refined,
         Self::Sight,
         Self::Sweep,
+        Self::Growth,
     ];
 
     pub fn name(self) -> &'static str {
@@ -109,6 +113,7 @@ impl Part {
             Self::Refined => "refined",
             Self::Sight => "sight",
             Self::Sweep => "sweep",
+            Self::Growth => "growth",
         }
     }
 
@@ -117,9 +122,9 @@ impl Part {
         Self::ALL.into_iter().find(|part| part.name() == name).ok_or_else(|| ReproductionError::UnknownPart(name.to_owned()))
     }
 
-    /// What is done when nothing is asked for by name: all of the paper, without what varies constants that it leaves open.
+    /// What is done when nothing is asked for by name: all of the paper, without what varies constants that it leaves open or goes beyond it.
     pub fn of_the_paper() -> Vec<Self> {
-        Self::ALL.into_iter().filter(|part| !matches!(part, Self::Sight | Self::Sweep)).collect()
+        Self::ALL.into_iter().filter(|part| !matches!(part, Self::Sight | Self::Sweep | Self::Growth)).collect()
     }
 
     fn names() -> String {
@@ -218,6 +223,11 @@ fn add(found: &mut Reproduction, part: Part, study: &mut Study) -> Result<(), Re
         Part::Refined => found.times.push(refined::table(study)?),
         Part::Sight => found.tables.push(sight::table(study)?),
         Part::Sweep => found.tables.push(sweep::table(study)?),
+        Part::Growth => {
+            let (table, drawing) = growth::figure(study)?;
+            found.times.push(table);
+            found.drawings.push(drawing);
+        }
     }
     Ok(())
 }

@@ -104,8 +104,8 @@ pub struct Reach {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Writes plan.json, plan.svg, run.json, the same for the replan (replan.json, replan.svg, replan-run.json), the block \
-    (scene.geojson) and the daemon's log (daemon.log) into DIR. The daemon lives in a domain of its own and is stopped at the end."
+    after_help = "Writes plan.json, plan.svg, run.json, the same for the replan (replan.json, replan.svg, replan-run.json), a flight \
+    on which the scene changes three times (flight.svg), the block (scene.geojson) and the daemon's log (daemon.log) into DIR. The daemon lives in a domain of its own and is stopped at the end."
 )]
 pub struct DemoArgs {
     /// Folder for the results; it is created
@@ -333,6 +333,8 @@ pub enum Subject {
     Ipc,
     /// From an edit to the first safe plan, between two processes
     Replan,
+    /// From an edit to a flight as good as one planned from nothing, and how soon a cancelled search ends
+    Warm,
 }
 
 #[derive(Debug, Args)]
@@ -351,7 +353,8 @@ pub struct BenchArgs {
     /// For `replan`: edits, a third of them on the flight, a third beside it, a third far off
     #[arg(long, value_name = "N", default_value_t = 60, allow_negative_numbers = true, value_parser = values::count)]
     pub edits: u32,
-    /// Iterations of the tree search [default: the setting search.iterations, 400], for `replan` rounds of the refinement [default: 12]
+    /// Iterations of the tree search [default: the setting search.iterations, 400], for `replan` rounds of the refinement [default: 12], for `warm` as well
+    /// [default: 120]
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
     /// Cameras of the drone, as for `plan`

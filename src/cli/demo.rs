@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use super::answer::{self, Answer, Form};
 use super::arguments::DemoArgs;
+use super::demo_flight::{self, Flown};
 use super::failure::Failure;
 use super::outputs::{self, FileNames, Flight, Folder};
 use super::private_daemon::PrivateDaemon;
@@ -42,6 +43,12 @@ pub fn run(arguments: &DemoArgs, form: Form) -> Result<Answer, Failure> {
     let files = [vec![scene_file, log_file], show.files.clone()].concat();
     let mut text = answer::table(&side_by_side(&show));
     text.push_str(&format!("\n\n{} was made {RAISE_M} m taller.", show.raised));
+    let first_plans: Vec<String> = show.flown.first_plans_ms.iter().map(|ms| format!("{ms:.0}")).collect();
+    text.push_str(&format!(
+        "\nIn the air three more changes came: a safe plan was there after {} ms, and {:.1} % are captured in the end (flight.svg).",
+        first_plans.join(", "),
+        show.flown.coverage_percent
+    ));
     for file in &files {
         text.push_str(&format!("\nwrote {}", file.display()));
     }
@@ -57,6 +64,7 @@ struct Show {
     /// Until what can still be flown was there, and until that was improved.
     edit_to_first_plan_s: f64,
     edit_to_plan_s: f64,
+    flown: Flown,
     files: Vec<PathBuf>,
 }
 
@@ -81,11 +89,14 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     let edit_to_first_plan_s = edit_started.elapsed().as_secs_f64();
     let message = client.await_replan(&edited, daemon::REPLAN, &mut |note| meter.note(note))?;
     let edit_to_plan_s = edit_started.elapsed().as_secs_f64();
-    drop(meter);
     let (replan, replan_times) = daemon::plan_of(&message)?;
     let flight = daemon::flight(&replan, replan_times, Some(edit_to_plan_s), None);
     files.extend(daemon::write(client, folder, &FileNames::with_stem("replan"), &flight)?.0);
-    Ok(Show { loaded, raised, plan: (plan, times), replan: (replan, replan_times), edit_to_first_plan_s, edit_to_plan_s, files })
+    let flown = demo_flight::fly(client, folder, &loaded.scene, message, &mut meter)?;
+    files.push(flown.file.clone());
+    drop(meter);
+    let (plan, replan) = ((plan, times), (replan, replan_times));
+    Ok(Show { loaded, raised, plan, replan, edit_to_first_plan_s, edit_to_plan_s, flown, files })
 }
 
 /// The structure of median height: raising it changes what its neighbours' walls can be seen from.
@@ -122,6 +133,7 @@ fn to_json(show: &Show, files: &[PathBuf]) -> Value {
         "raised": show.raised,
         "raised_by_m": RAISE_M,
         "edit_to_first_plan_s": show.edit_to_first_plan_s,
+        "in_the_air": { "first_plan_ms": show.flown.first_plans_ms, "coverage_percent": show.flown.coverage_percent },
         "replan": one(&show.replan, Some(show.edit_to_plan_s)),
         "files": files.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
     })

@@ -8,6 +8,7 @@ mod bounded_file;
 mod daemon;
 mod degrade;
 mod demo;
+mod demo_flight;
 mod edit;
 mod edit_orders;
 mod en_route;

@@ -18,7 +18,7 @@ use crate::camera::Pose;
 use crate::mission::plan_table;
 use crate::scene::anchor::Anchor;
 use crate::session::{Session, Snapshot};
-use crate::trajectory::plan::{Plan, RunTimes, Waypoint};
+use crate::trajectory::plan::{Plan, RunTimes};
 use crate::trajectory::record::Record;
 
 /// One scene: what is published of it, what is being made, and what comes after that. What is being made changes nothing of what
@@ -291,8 +291,7 @@ impl LastPlan {
 
     /// The waypoints that the next flight goes on with.
     pub fn waypoints(&self) -> Vec<Pose> {
-        let pose = |waypoint: &Waypoint| Pose { position: waypoint.position_m, direction: waypoint.direction };
-        self.plan.waypoints.iter().map(pose).collect()
+        self.plan.poses()
     }
 
     /// The first waypoint of another plan that is not as in this one.

@@ -11,6 +11,7 @@ mod pen;
 pub mod quality;
 mod sheet;
 mod side_view;
+pub mod strip;
 mod thin;
 mod top_view;
 mod views;

@@ -62,10 +62,9 @@ pub fn add_images(captured: &mut Captured, snapshot: &Snapshot, images: &[Image]
 
 /// What is left of a plan's waypoints behind the place where its flight is after a number of images, or at a time.
 pub fn waypoints_left(plan: &Plan, images: usize) -> Vec<Pose> {
-    let poses = plan.waypoints.iter().map(|waypoint| Pose { position: waypoint.position_m, direction: waypoint.direction });
     let last_s = images.checked_sub(1).and_then(|last| plan.images.get(last)).map(|image| image.time_s);
     let passage = plan.profile().zip(last_s).and_then(|(profile, last_s)| profile.at(last_s));
-    poses.skip(passage.map_or(0, |passage| passage.leg + 1)).collect()
+    plan.poses().into_iter().skip(passage.map_or(0, |passage| passage.leg + 1)).collect()
 }
 
 /// What there is to say of how a flight begins; nothing of one that begins like all others.

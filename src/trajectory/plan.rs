@@ -48,9 +48,14 @@ impl Plan {
         self.images.iter().filter(|image| image.selected).count()
     }
 
+    /// The waypoints, as a search goes on with them.
+    pub fn poses(&self) -> Vec<Pose> {
+        self.waypoints.iter().map(|waypoint| Pose { position: waypoint.position_m, direction: waypoint.direction }).collect()
+    }
+
     /// The timed curve: a function of waypoints and limits alone. `None` where the limits are not known.
     pub fn profile(&self) -> Option<Profile> {
-        let path: Vec<Pose> = self.waypoints.iter().map(|w| Pose { position: w.position_m, direction: w.direction }).collect();
+        let path = self.poses();
         let deviations_m: Vec<f64> = self.waypoints.iter().map(|waypoint| waypoint.deviation_m).collect();
         self.limits.map(|limits| Profile::rounded(&path, &limits, &deviations_m))
     }

@@ -1,5 +1,6 @@
 //! Loading a scene, sampling it, and building its view information field.
 
+use std::io::Seek;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -19,6 +20,7 @@ use crate::scene;
 use crate::scene::edit::Edit;
 use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
+use crate::snapshot::{self, FieldStamp, SnapshotError};
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let settings = Arc::new(settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?);
@@ -26,7 +28,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let file_name = arguments.file.to_string_lossy();
     let stop = StopToken::default();
     let mut meter = Meter::new(form);
-    let mut values: [Vec<f64>; 7] = Default::default();
+    let mut values: [Vec<f64>; 9] = Default::default();
     let mut last = None;
     for round in 1..=arguments.repeat {
         meter.stage(&format!("round {round} of {}", arguments.repeat));
@@ -40,16 +42,17 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
         let field = survey.into_snapshot(&stop)?;
         let built = build_started.elapsed();
         let [updated, rebuilt] = edit_times(&session, &field, round, &stop)?;
+        let [stored, restored] = disk_times(&field)?;
         last = Some(field);
-        let steps = [read, surveyed - read, built, surveyed + built, updated, rebuilt];
+        let steps = [read, surveyed - read, built, surveyed + built, updated, rebuilt, stored, restored];
         steps.iter().zip(&mut values).for_each(|(step, values)| values.push(step.as_secs_f64() * 1e3));
     }
     drop(meter);
     let last = last.expect("there is a round at least");
     let field = last.field();
     let rays = pairs_in_reach(&field, &settings);
-    values[6] = values[2].iter().map(|build_ms| rays as f64 / build_ms / 1e3).collect();
-    let [load, survey, build, all, updated, rebuilt, rate] = values;
+    values[8] = values[2].iter().map(|build_ms| rays as f64 / build_ms / 1e3).collect();
+    let [load, survey, build, all, updated, rebuilt, stored, restored, rate] = values;
     Ok(Report {
         figures: Vec::new(),
         facts: [facts(&field, arguments.repeat), vec![("rays", json!(rays))]].concat(),
@@ -70,6 +73,8 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
                 values: rebuilt,
                 limit: "goal 150 (delfshaven, nihonbashi), 1500 (marunouchi)",
             },
+            Row { step: "field to disk", unit: "ms", values: stored, limit: "goal 500 with the way back (tokyo-2km)" },
+            Row { step: "field from disk", unit: "ms", values: restored, limit: "" },
             Row { step: "rays", unit: "million/s", values: rate, limit: "8 parry, 12 CWBVH, 50 walls" },
         ],
     })
@@ -87,6 +92,25 @@ pub fn update_and_rebuild_ms(file: &Path, bytes: &[u8], settings: &Settings, rou
         measured.iter().zip(&mut times).for_each(|(time, times)| times.push(time.as_secs_f64() * 1e3));
     }
     Ok(times)
+}
+
+/// How long a field takes to a file and back.
+fn disk_times(field: &Snapshot) -> Result<[Duration; 2], Failure> {
+    let failed = |error: SnapshotError| Failure::Unexpected(error.to_string());
+    let stamp = FieldStamp { scene: "bench".to_owned(), revision: field.revision, settings_hash: 0 };
+    let mut file = tempfile::tempfile().map_err(|error| failed(error.into()))?;
+    let started = Instant::now();
+    snapshot::write(&mut file, &stamp, field.storage().as_ref()).map_err(failed)?;
+    file.sync_all().map_err(|error| failed(error.into()))?;
+    let stored = started.elapsed();
+    file.rewind().map_err(|error| failed(error.into()))?;
+    let started = Instant::now();
+    let read = snapshot::read(&mut file, &stamp, u64::MAX).map_err(failed)?;
+    let restored = started.elapsed();
+    if !field.storage().is_same(&read) {
+        return Err(Failure::Unexpected("a field came back from disk as another one".to_owned()));
+    }
+    Ok([stored, restored])
 }
 
 /// How long the field takes after one structure was raised: from the field before, and anew. Another structure in each round.

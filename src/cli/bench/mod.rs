@@ -4,6 +4,7 @@ mod field;
 mod ipc;
 mod replan;
 mod search;
+mod warm;
 
 use serde_json::{Value, json};
 
@@ -18,6 +19,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Answer, Failure> {
         Subject::Search => search::run(arguments, form)?,
         Subject::Ipc => ipc::run(arguments, form)?,
         Subject::Replan => replan::run(arguments, form)?,
+        Subject::Warm => warm::run(arguments, form)?,
     };
     Ok(report.answer())
 }

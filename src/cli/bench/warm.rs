@@ -1,0 +1,139 @@
+//! How soon the flight after an edit is as good as one that is planned from nothing, in this process; and how soon a search that is not wanted any more ends.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use geo::{LineString, Polygon};
+use serde_json::json;
+
+use super::{Report, Row, field};
+use crate::cli::answer::Form;
+use crate::cli::arguments::BenchArgs;
+use crate::cli::failure::Failure;
+use crate::cli::progress::Meter;
+use crate::cli::{in_process, rig_file, settings_file};
+use crate::planner::{self, Made, Method, PlanOptions, StopToken};
+use crate::scene::edit::Edit;
+use crate::session::{Session, Snapshot};
+use crate::settings::{MOST_ITERATIONS, Settings};
+use crate::trajectory::plan::Plan;
+
+/// A flight is as good as another that takes this share of its time or more.
+const AS_GOOD: f64 = 1.03;
+
+/// Half the width of a pillar, and how far it rises above the flight, m.
+const HALF_WIDTH_M: f64 = 1.0;
+const ABOVE_M: f64 = 1.0;
+
+/// Rounds of the refinement, before the first edit and after each.
+const ROUNDS: u32 = 120;
+
+/// A search is cancelled after this long, s, and a little later each time.
+const CANCELLED_AFTER: Duration = Duration::from_millis(150);
+
+pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
+    let rig = rig_file::read(&arguments.rig)?.rig;
+    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?.with_sight(rig.sight_scale());
+    settings.check()?;
+    let settings = Arc::new(settings);
+    let stop = StopToken::default();
+    let mut meter = Meter::new(form);
+    meter.stage("the first flight");
+    let (scene, _) = in_process::read_scene(&arguments.file, &settings)?;
+    let mut session = Session::new(scene, Arc::clone(&settings), &stop)?;
+    let mut snapshot = session.survey(&stop)?.into_snapshot(&stop)?;
+    let rounds = arguments.iterations.unwrap_or(ROUNDS);
+    let options = PlanOptions { iterations: Some(rounds), ..PlanOptions::new(rig, Method::Refined, 1) };
+    let mut made = planner::replan(&snapshot, &settings, &options, None, &stop, &mut |_| {}, &mut |_| {})?;
+    let mut rows: [Vec<f64>; 4] = Default::default();
+    let [as_good_s, whole_s, cold_s, ratio] = &mut rows;
+    let mut never = 0;
+    for number in 0..arguments.repeat {
+        meter.stage(&format!("edit {} of {}", number + 1, arguments.repeat));
+        session.apply(&pillar(number, &made.plan)).map_err(|error| Failure::Unexpected(error.to_string()))?;
+        let started = Instant::now();
+        let next = session.survey_after(&snapshot, &stop)?.into_snapshot(&stop)?;
+        let again = PlanOptions { earlier: Some(made.plan.poses()), ..options.clone() };
+        let mut offered: Vec<(f64, Plan)> = Vec::new();
+        let on_interim = &mut |made: Made| offered.push((started.elapsed().as_secs_f64(), made.plan));
+        let warm = planner::replan(&next, &settings, &again, Some(made.record), &stop, &mut |_| {}, on_interim)?;
+        whole_s.push(started.elapsed().as_secs_f64());
+        offered.push((started.elapsed().as_secs_f64(), warm.plan.clone()));
+        let begun = Instant::now();
+        // As much search as there is in the flight beside it by now.
+        let anew = PlanOptions { iterations: Some(rounds.saturating_mul(number + 2).min(MOST_ITERATIONS)), ..options.clone() };
+        let cold = planner::plan(&next, &settings, &anew, &stop, &mut |_| {})?;
+        cold_s.push(begun.elapsed().as_secs_f64());
+        ratio.push(warm.plan.metrics.profile_s / cold.metrics.profile_s);
+        match offered.iter().find(|(_, plan)| is_as_good(plan, &cold)) {
+            Some((at_s, _)) => as_good_s.push(*at_s),
+            None => never += 1,
+        }
+        (snapshot, made) = (next, warm);
+    }
+    let cancelled_ms = cancelled_ms(arguments, &snapshot, &settings, &options)?;
+    drop(meter);
+    let mut facts = field::facts(&snapshot.field(), arguments.repeat);
+    facts.extend([("rig", json!(options.rig.name)), ("rounds after each edit", json!(rounds)), ("never as good", json!(never))]);
+    let [as_good_s, whole_s, cold_s, ratio] = rows;
+    let goal = "goal 0.3 (delfshaven, nihonbashi), 1 (marunouchi), 5 (tokyo-2km)";
+    Ok(Report {
+        figures: Vec::new(),
+        facts,
+        rows: vec![
+            Row { step: "edit to within 3 % of a cold plan's time, at its coverage", unit: "s", values: as_good_s, limit: goal },
+            Row { step: "edit to last plan", unit: "s", values: whole_s, limit: "" },
+            Row { step: "cold plan of as many rounds as all so far", unit: "s", values: cold_s, limit: "" },
+            Row { step: "time of the last plan's flight over the cold one's", unit: "", values: ratio, limit: "" },
+            Row { step: "cancelled search ends", unit: "ms", values: cancelled_ms, limit: "goal 10" },
+        ],
+    })
+}
+
+/// Whether a flight takes no longer, but for 3 %, and captures no less than another or than what was asked for.
+fn is_as_good(plan: &Plan, cold: &Plan) -> bool {
+    let reaches = |percent: f64, others: f64, goal_percent: f64| percent >= others.min(goal_percent);
+    plan.metrics.profile_s <= AS_GOOD * cold.metrics.profile_s
+        && reaches(plan.metrics.coverage_percent, cold.metrics.coverage_percent, cold.goal_percent)
+        && reaches(plan.metrics.matched_percent, cold.metrics.matched_percent, cold.matched_goal_percent)
+}
+
+/// A pillar that reaches through the middle of a leg; of another leg each time.
+fn pillar(number: u32, plan: &Plan) -> Edit {
+    let leg = (number as usize * 7 + 3) % (plan.waypoints.len() - 1).max(1);
+    let place = |k: usize| plan.waypoints[k.min(plan.waypoints.len() - 1)].position_m;
+    let middle = nalgebra::center(&place(leg), &place(leg + 1));
+    let corner = |dx: f64, dy: f64| (middle.x + dx * HALF_WIDTH_M, middle.y + dy * HALF_WIDTH_M);
+    let ring = LineString::from(vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]);
+    Edit::add_prism(format!("bench-pillar-{number}"), Polygon::new(ring, Vec::new()), 0.0, middle.z + ABOVE_M)
+}
+
+/// How long a search goes on after it was abandoned, ms.
+fn cancelled_ms(
+    arguments: &BenchArgs,
+    snapshot: &Snapshot,
+    settings: &Settings,
+    options: &PlanOptions,
+) -> Result<Vec<f64>, Failure> {
+    let endless = PlanOptions { iterations: Some(MOST_ITERATIONS), ..options.clone() };
+    let mut ended_ms = Vec::new();
+    for number in 0..arguments.repeat {
+        let stop = StopToken::default();
+        let ended = std::thread::scope(|scope| {
+            let search = scope.spawn(|| {
+                let plan = planner::plan(snapshot, settings, &endless, &stop, &mut |_| {});
+                (plan.is_err(), Instant::now())
+            });
+            std::thread::sleep(CANCELLED_AFTER + Duration::from_millis(37) * number);
+            let asked = Instant::now();
+            stop.abandon();
+            search.join().map(|(is_given_up, ended)| ended.checked_duration_since(asked).filter(|_| is_given_up))
+        });
+        match ended {
+            Ok(Some(after)) => ended_ms.push(after.as_secs_f64() * 1e3),
+            Ok(None) => return Err(Failure::Unexpected("a search ended before it was cancelled".to_owned())),
+            Err(_) => return Err(Failure::Unexpected("a search that was to be cancelled panicked".to_owned())),
+        }
+    }
+    Ok(ended_ms)
+}

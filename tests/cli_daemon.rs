@@ -358,6 +358,19 @@ fn the_replan_bench_tells_how_long_the_first_safe_plan_takes_and_what_it_keeps()
 }
 
 #[test]
+fn the_warm_bench_tells_when_a_flight_is_as_good_as_a_cold_one_and_when_a_cancelled_search_ends() {
+    let place = Place::new();
+    let scene = place.scene();
+    let small = ["--iterations", "4", "--repeat", "2", "--samples", "150", "--viewpoints", "200"];
+    let answer = place.json(&[&["bench", "warm", scene.as_str()], small.as_slice()].concat());
+    let steps = answer["steps"].as_array().unwrap();
+    assert_eq!(steps.len(), 5, "{answer}");
+    let as_good = steps[0]["repeats"].as_u64().unwrap() + answer["facts"]["never_as_good"].as_u64().unwrap();
+    assert_eq!(as_good, 2, "{answer}");
+    assert!(steps[1..].iter().all(|row| row["repeats"] == 2 && row["median"].as_f64().unwrap() > 0.0), "{answer}");
+}
+
+#[test]
 fn the_demo_writes_both_plans_and_leaves_nothing_else() {
     let place = Place::new();
     let demo = place.command(&["demo", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
@@ -366,8 +379,24 @@ fn the_demo_writes_both_plans_and_leaves_nothing_else() {
     let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(
         place.files("overfly-out/demo"),
-        ["daemon.log", "plan.json", "plan.svg", "replan-run.json", "replan.json", "replan.svg", "run.json", "scene.geojson"]
+        [
+            "daemon.log",
+            "flight.svg",
+            "plan.json",
+            "plan.svg",
+            "replan-run.json",
+            "replan.json",
+            "replan.svg",
+            "run.json",
+            "scene.geojson"
+        ]
     );
+    let in_the_air = &answer["in_the_air"];
+    assert_eq!(in_the_air["first_plan_ms"].as_array().unwrap().len(), 3, "{in_the_air}");
+    let [landed, planned] = [in_the_air, &answer["replan"]].map(|flight| flight["coverage_percent"].as_f64().unwrap());
+    assert!(landed > planned - 3.0, "{landed} % after three changes, {planned} % without");
+    let drawn = std::fs::read_to_string(place.path("overfly-out/demo/flight.svg")).unwrap();
+    assert_eq!(drawn.matches("id=\"stretch-").count(), 4);
     assert_eq!((&answer["plan"]["revision"], &answer["replan"]["revision"]), (&1.into(), &2.into()));
     assert!(!place.path("overfly").exists());
     assert_eq!(domain.shared_memory_files(), Vec::<PathBuf>::new());

@@ -11,10 +11,10 @@ use overfly_table::field::FieldFacts;
 
 use crate::coverage::{CELLS, DiskModel, threshold_cells};
 use crate::field::{self, Lattice, Outlines, Site};
-use crate::scene::Scene;
 use crate::scene::differences::Differences;
 use crate::scene::edit::{DirtyRegion, Edit, EditError};
 use crate::scene::free_space::FreeSpace;
+use crate::scene::{Bounds, Scene};
 use crate::settings::Settings;
 use crate::stop::StopToken;
 use crate::surface::{self, Sample, Sampler, Samples, Sampling};
@@ -94,11 +94,12 @@ impl Session {
         self.check_size(&free, stop)?;
         let footing = &earlier.footing;
         let bounds = free.structure_bounds();
-        let samples = self.sampler.sample_after(&self.scene, &differences, &footing.samples, &bounds, stop);
-        let samples = samples.ok_or(FieldError::Stopped)?;
         let limits = &earlier.free.limits;
-        let sites = field::sites_after(&free, &self.pins.lattice, &footing.sites, limits, &differences, stop);
-        let sites = sites.ok_or(FieldError::Stopped)?;
+        let (samples, sites) = rayon::join(
+            || self.sampler.sample_after(&self.scene, &differences, &footing.samples, &bounds, stop),
+            || field::sites_after(&free, &self.pins.lattice, &footing.sites, limits, &differences, stop),
+        );
+        let (samples, sites) = samples.zip(sites).ok_or(FieldError::Stopped)?;
         let outlines = Outlines::after(&footing.outlines, &self.scene, &differences);
         self.surveyed(free, samples, sites, outlines, Some((earlier.clone(), differences)), stop)
     }
@@ -132,7 +133,7 @@ impl Session {
             revision: self.revision,
             counts: field::counts(&self.scene, &outlines, samples.len(), reached.len()),
             outlines,
-            facts: self.facts(),
+            facts: self.facts(free.bounds),
             offset_m: self.sampler.sampling().offset_m,
             disks: Arc::clone(&self.disks),
             free: Arc::new(free),
@@ -144,8 +145,8 @@ impl Session {
         })
     }
 
-    fn facts(&self) -> FieldFacts {
-        let [min, max] = self.scene.bounds().map_or([[0.0; 3]; 2], |b| [b.min.coords.into(), b.max.coords.into()]);
+    fn facts(&self, bounds: Option<Bounds>) -> FieldFacts {
+        let [min, max] = bounds.map_or([[0.0; 3]; 2], |b| [b.min.coords.into(), b.max.coords.into()]);
         let origin = self.scene.frame.origin;
         FieldFacts {
             revision: self.revision,

@@ -148,8 +148,9 @@ proptest! {
             prop_assert_eq!(start.position_m, passage.position_m);
             let jerk_mps = (start.velocity_mps - passage.velocity_mps).norm();
             prop_assert!(jerk_mps < 1e-6 || passage.velocity_mps.norm() < 0.1, "{} m/s", jerk_mps);
-            prop_assert_eq!(on.egress.legs(), 0);
-            prop_assert!(safety::check(profile.curve(), &now.free).is_ok());
+            // On an arc the way straight on may lead too near to something: then it brakes.
+            prop_assert!(!on.egress.escapes);
+            prop_assert!(safety::check_behind(profile.curve(), on.egress.legs(), &now.free, None).is_ok());
             if let Some(view) = en_route.view {
                 prop_assert_eq!(on.waypoints[0].direction, Some(view));
             }

@@ -3,20 +3,37 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-/// For each point the others within `radius_m`, nearest first, the earlier one of two equals.
-pub fn within(points: &[Point3<f64>], radius_m: f64) -> Vec<Vec<u32>> {
-    let mut by_x: Vec<u32> = (0..points.len() as u32).collect();
-    by_x.sort_by(|&a, &b| points[a as usize].x.total_cmp(&points[b as usize].x).then(a.cmp(&b)));
-    let xs: Vec<f64> = by_x.iter().map(|&index| points[index as usize].x).collect();
-    let near = |index: usize| {
-        let p = &points[index];
-        let (from, to) = (xs.partition_point(|&x| x < p.x - radius_m), xs.partition_point(|&x| x <= p.x + radius_m));
-        let others = by_x[from..to].iter().map(|&other| ((points[other as usize] - p).norm(), other));
+/// Points from west to east, which are asked for the neighbours of one of them.
+#[derive(Clone, Debug)]
+pub struct Neighbours {
+    by_x: Vec<u32>,
+    xs: Vec<f64>,
+    radius_m: f64,
+}
+
+impl Neighbours {
+    pub fn new(points: &[Point3<f64>], radius_m: f64) -> Self {
+        let mut by_x: Vec<u32> = (0..points.len() as u32).collect();
+        by_x.sort_by(|&a, &b| points[a as usize].x.total_cmp(&points[b as usize].x).then(a.cmp(&b)));
+        let xs = by_x.iter().map(|&index| points[index as usize].x).collect();
+        Self { by_x, xs, radius_m }
+    }
+
+    /// Of the same points those within the radius of one, nearest first, the earlier one of two equals.
+    pub fn of(&self, points: &[Point3<f64>], index: usize) -> Vec<u32> {
+        let (p, radius_m) = (&points[index], self.radius_m);
+        let [from, to] = [self.xs.partition_point(|&x| x < p.x - radius_m), self.xs.partition_point(|&x| x <= p.x + radius_m)];
+        let others = self.by_x[from..to].iter().map(|&other| ((points[other as usize] - p).norm(), other));
         let mut found: Vec<(f64, u32)> = others.filter(|&(d, other)| d <= radius_m && other as usize != index).collect();
         found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         found.into_iter().map(|(_, other)| other).collect()
-    };
-    (0..points.len()).into_par_iter().map(near).collect()
+    }
+}
+
+/// For each point the others within `radius_m`, nearest first, the earlier one of two equals.
+pub fn within(points: &[Point3<f64>], radius_m: f64) -> Vec<Vec<u32>> {
+    let neighbours = Neighbours::new(points, radius_m);
+    (0..points.len()).into_par_iter().map(|index| neighbours.of(points, index)).collect()
 }
 
 /// The `count` points nearest to `p`, nearest first, the earlier one of two equals.

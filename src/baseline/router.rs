@@ -5,17 +5,24 @@ use std::collections::BinaryHeap;
 
 use nalgebra::Point3;
 
-use super::proximity;
+use super::proximity::{self, Neighbours};
 use crate::scene::free_space::FreeSpace;
 
-/// A graph of safe positions; its legs are checked when they are first looked at.
+/// A graph of safe positions; its legs are found and checked when they are first looked at, because a short way passes few of them.
 #[derive(Debug)]
 pub struct Router<'a> {
     free: &'a FreeSpace,
     nodes: Vec<Point3<f64>>,
-    near: Vec<Vec<u32>>,
-    /// Whether the leg to each near node is safe, where that is known.
-    is_safe: Vec<Vec<Option<bool>>>,
+    neighbours: Neighbours,
+    legs: Vec<Option<Vec<Leg>>>,
+}
+
+/// From a node to a near one.
+#[derive(Clone, Copy, Debug)]
+struct Leg {
+    to: u32,
+    /// Whether it is safe, where that is known.
+    is_safe: Option<bool>,
 }
 
 /// How many of the nearest nodes are tried to join a position with the graph, and how many joins are made.
@@ -25,9 +32,7 @@ const JOINED: usize = 8;
 impl<'a> Router<'a> {
     /// Legs join nodes up to `reach_m` apart. The nodes are safe positions.
     pub fn new(free: &'a FreeSpace, nodes: Vec<Point3<f64>>, reach_m: f64) -> Self {
-        let near = proximity::within(&nodes, reach_m);
-        let is_safe = near.iter().map(|near| vec![None; near.len()]).collect();
-        Self { free, nodes, near, is_safe }
+        Self { free, neighbours: Neighbours::new(&nodes, reach_m), legs: vec![None; nodes.len()], nodes }
     }
 
     /// The corners between `a` and `b`, none when the straight leg is safe; `None` when there is no way. Both are safe positions.
@@ -69,8 +74,8 @@ impl<'a> Router<'a> {
                     best = (whole_m, node);
                 }
             }
-            for place in 0..self.near[node].len() {
-                let next = self.near[node][place] as usize;
+            for place in 0..self.legs_from(node).len() {
+                let next = self.legs_from(node)[place].to as usize;
                 let longer_m = flown_m[node] + (self.nodes[next] - self.nodes[node]).norm();
                 if longer_m < flown_m[next] && self.is_leg_safe(node, place) {
                     (flown_m[next], came_from[next]) = (longer_m, node);
@@ -93,15 +98,22 @@ impl<'a> Router<'a> {
     }
 
     fn is_leg_safe(&mut self, node: usize, place: usize) -> bool {
-        if let Some(known) = self.is_safe[node][place] {
+        let Leg { to, is_safe } = self.legs_from(node)[place];
+        if let Some(known) = is_safe {
             return known;
         }
-        let next = self.near[node][place] as usize;
+        let next = to as usize;
         // Both ways count the same, so that an answer does not depend on which one was asked for first.
         let (low, high) = (node.min(next), node.max(next));
         let is_safe = self.free.is_leg_safe(&self.nodes[low], &self.nodes[high]);
-        self.is_safe[node][place] = Some(is_safe);
+        self.legs_from(node)[place].is_safe = Some(is_safe);
         is_safe
+    }
+
+    fn legs_from(&mut self, node: usize) -> &mut [Leg] {
+        let (nodes, neighbours) = (&self.nodes, &self.neighbours);
+        let find = || neighbours.of(nodes, node).into_iter().map(|to| Leg { to, is_safe: None }).collect();
+        self.legs[node].get_or_insert_with(find)
     }
 
     /// Leaves out corners: from each on to the farthest one that a safe leg reaches.

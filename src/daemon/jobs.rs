@@ -2,9 +2,11 @@
 //! of its own and posts what it found; it never touches the daemon's state. Only what is parallel inside of it runs in the compute
 //! pool, so that jobs share the processor and none waits for another.
 
+use std::convert::Infallible;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, Sender};
 use std::time::{Duration, Instant};
 
 use overfly_table::Block;
@@ -23,11 +25,23 @@ use crate::scene::Scene;
 use crate::scene::anchor::Anchor;
 use crate::session::{FieldError, Findings, Session, Snapshot};
 use crate::settings::Settings;
-use crate::trajectory::plan::{Plan, RunTimes};
+use crate::trajectory::plan::{Plan, RunTimes, StopReason};
 use crate::trajectory::record::Record;
 
 /// Shortest time between two progress notes.
 const NOTE_GAP: Duration = Duration::from_millis(25);
+
+/// A search waits no longer than this for its first safe plan to be published.
+const MOST_PAUSE: Duration = Duration::from_millis(5);
+
+/// News that somebody waits for to be dealt with: they are when this is dropped.
+#[derive(Debug)]
+pub struct Attended(#[allow(dead_code, reason = "it is there to be dropped")] Sender<Infallible>);
+
+fn attend() -> (Attended, Receiver<Infallible>) {
+    let (attended, done) = mpsc::channel();
+    (Attended(attended), done)
+}
 
 /// Number of a job; each is used once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -47,7 +61,7 @@ pub enum NewsKind {
     Read(Box<SceneFile>),
     Built(Box<BuiltField>),
     /// A plan that comes before the one that the job is for: not the last news.
-    Interim(PlannedFlight),
+    Interim(PlannedFlight, Attended),
     /// What images capture that were reported as taken: not the last news.
     Evaluated(Box<Evaluated>),
     Planned(PlannedFlight),
@@ -56,7 +70,7 @@ pub enum NewsKind {
 
 impl NewsKind {
     pub fn is_last(&self) -> bool {
-        !matches!(self, Self::Progress(_) | Self::Interim(_) | Self::Evaluated(_))
+        !matches!(self, Self::Progress(_) | Self::Interim(..) | Self::Evaluated(_))
     }
 }
 
@@ -203,7 +217,13 @@ impl Workshop {
         };
         let mut on_interim = |Made { plan, record }: Made| {
             let times = times(assignment, flight, started, Instant::now());
-            self.post(assignment, NewsKind::Interim(PlannedFlight { plan, times, record, remark: None }));
+            let is_first = plan.stop == StopReason::Repaired;
+            let (attended, done) = attend();
+            self.post(assignment, NewsKind::Interim(PlannedFlight { plan, times, record, remark: None }, attended));
+            // The search that follows takes all cores: it waits until the first safe plan is out.
+            if is_first {
+                let _ = done.recv_timeout(MOST_PAUSE);
+            }
         };
         let mut options = flight.options.clone();
         if let Some((under_way, en_route)) = flight.under_way.as_ref().zip(options.en_route.as_mut()) {

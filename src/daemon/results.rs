@@ -31,7 +31,7 @@ impl Daemon {
         let Some(scene) = self.owners.get(&news.job).cloned() else { return };
         match news.kind {
             NewsKind::Progress(_) => return self.on_progress(ports, &scene, &news),
-            NewsKind::Interim(flight) => return self.on_interim(ports, &scene, flight),
+            NewsKind::Interim(flight, _attended) => return self.on_interim(ports, &scene, flight),
             NewsKind::Evaluated(evaluated) => {
                 if let Some(flown) = self.scenes.get_mut(&scene).and_then(|slot| slot.flown.as_mut()) {
                     flown.note(*evaluated);
@@ -70,7 +70,7 @@ impl Daemon {
                 }
             }
             NewsKind::Failed(failure) => self.on_unread(ports, news.job, failure),
-            NewsKind::Built(_) | NewsKind::Interim(_) | NewsKind::Evaluated(_) | NewsKind::Planned(_) => {}
+            NewsKind::Built(_) | NewsKind::Interim(..) | NewsKind::Evaluated(_) | NewsKind::Planned(_) => {}
         }
     }
 

@@ -24,6 +24,8 @@ pub struct FreeSpace {
     pub safety_distance_m: f64,
     /// Height of the tallest structure, m.
     top_m: f64,
+    /// The box around all structures.
+    pub bounds: Option<Bounds>,
 }
 
 /// A structure of the scene.
@@ -87,14 +89,17 @@ impl FreeSpace {
         for setting in &settings.no_fly {
             zones.push(zone(setting, &scene.frame)?);
         }
-        let all = solids.iter().map(|solid| solid.bounds).reduce(|a, b| a.union(&b));
+        let bounds_of =
+            |is_in: &dyn Fn(&&Solid) -> bool| solids.iter().filter(is_in).map(|solid| solid.bounds).reduce(|a, b| a.union(&b));
+        let (all, captured) = (bounds_of(&|_| true), bounds_of(&|solid| solid.structure.is_captured()));
         Ok(Self {
             clearance,
-            limits: limits(scene.captured_bounds(), settings),
+            limits: limits(captured, settings),
+            top_m: all.map_or(0.0, |bounds| bounds.max.z),
+            bounds: all,
             solids,
             zones,
             safety_distance_m: settings.safety_distance_m,
-            top_m: all.map_or(0.0, |bounds| bounds.max.z),
         })
     }
 

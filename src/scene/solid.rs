@@ -127,12 +127,6 @@ impl Scene {
     pub fn bounds(&self) -> Option<Bounds> {
         self.structures.iter().map(|structure| structure.bounds()).reduce(|a, b| a.union(&b))
     }
-
-    /// The box around all structures whose surface is to be captured.
-    pub fn captured_bounds(&self) -> Option<Bounds> {
-        let captured = self.structures.iter().filter(|structure| structure.is_captured());
-        captured.map(|structure| structure.bounds()).reduce(|a, b| a.union(&b))
-    }
 }
 
 impl Structure {

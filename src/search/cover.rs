@@ -18,8 +18,8 @@ const PAGE: usize = 32;
 
 /// Where each sample stands in the order of tiles.
 #[derive(Clone, Debug)]
-pub struct Order {
-    places: Vec<u32>,
+pub struct Places {
+    of: Vec<u32>,
 }
 
 /// The covered cells of samples that stand next to each other.
@@ -37,7 +37,7 @@ pub struct Cover {
     count: Rc<Cell<usize>>,
 }
 
-impl Order {
+impl Places {
     pub fn new(frames: &[SampleFrame]) -> Self {
         let tile = |v: f64| (v / TILE_M).floor() as i64;
         let key = |&i: &u32| {
@@ -46,41 +46,41 @@ impl Order {
         };
         let mut order: Vec<u32> = (0..frames.len() as u32).collect();
         order.sort_unstable_by_key(key);
-        let mut places = vec![0; order.len()];
-        order.iter().zip(0..).for_each(|(&i, place)| places[i as usize] = place);
-        Self { places }
+        let mut of = vec![0; order.len()];
+        order.iter().zip(0..).for_each(|(&i, place)| of[i as usize] = place);
+        Self { of }
     }
 }
 
 impl Cover {
-    pub fn nothing(order: &Order) -> Self {
-        Self { pages: vec![None; order.places.len().div_ceil(PAGE)], count: Rc::default() }
+    pub fn nothing(places: &Places) -> Self {
+        Self { pages: vec![None; places.of.len().div_ceil(PAGE)], count: Rc::default() }
     }
 
     /// Of each sample such cells.
-    pub fn of(cells: &[Mask], order: &Order) -> Self {
-        let mut cover = Self::nothing(order);
-        for (&mask, &place) in cells.iter().zip(&order.places).filter(|(mask, _)| **mask != 0) {
+    pub fn of(cells: &[Mask], places: &Places) -> Self {
+        let mut cover = Self::nothing(places);
+        for (&mask, &place) in cells.iter().zip(&places.of).filter(|(mask, _)| **mask != 0) {
             *cover.cells_mut(place as usize) |= mask;
         }
         cover
     }
 
     /// The covered cells of sample `i`.
-    pub fn cells(&self, order: &Order, i: usize) -> Mask {
-        cells(&self.pages, order.places[i] as usize)
+    pub fn cells(&self, places: &Places, i: usize) -> Mask {
+        cells(&self.pages, places.of[i] as usize)
     }
 
     /// Area-weighted cells that `seen` adds (Eq. 2); `areas_mm2` by sample.
-    pub fn gain(&self, order: &Order, seen: &Observations, areas_mm2: &[u64]) -> Information {
-        gain_kernel(&self.pages, &order.places, seen, areas_mm2)
+    pub fn gain(&self, places: &Places, seen: &Observations, areas_mm2: &[u64]) -> Information {
+        gain_kernel(&self.pages, &places.of, seen, areas_mm2)
     }
 
     /// Adds `seen`. A sample counts as captured when more cells are covered than `thresholds` has for it.
-    pub fn add(&mut self, order: &Order, seen: &Observations, areas_mm2: &[u64], thresholds: &[u32]) -> Gained {
+    pub fn add(&mut self, places: &Places, seen: &Observations, areas_mm2: &[u64], thresholds: &[u32]) -> Gained {
         let mut gained = Gained::default();
         for (i, mask) in seen.iter() {
-            let place = order.places[i] as usize;
+            let place = places.of[i] as usize;
             let covered = cells(&self.pages, place);
             // A page to which nothing is added stays shared.
             if mask & !covered != 0 {
@@ -166,10 +166,10 @@ mod tests {
             rows in proptest::collection::vec(([-300.0..300.0f64, -300.0..300.0], any::<u128>(), 1u64..1000, 0u32..130), 1..300),
             steps in proptest::collection::vec((0usize..4, proptest::collection::vec((any::<u16>(), any::<u128>()), 1..40)), 1..12),
         ) {
-            let order = Order::new(&frames(&rows.iter().map(|row| row.0).collect::<Vec<_>>()));
+            let places = Places::new(&frames(&rows.iter().map(|row| row.0).collect::<Vec<_>>()));
             let (areas, thresholds): (Vec<u64>, Vec<u32>) = rows.iter().map(|row| (row.2, row.3)).unzip();
             let first: Vec<Mask> = rows.iter().map(|row| row.1).collect();
-            let mut all = vec![(first.clone(), Cover::of(&first, &order))];
+            let mut all = vec![(first.clone(), Cover::of(&first, &places))];
             for (from, sights) in steps {
                 let mut seen: Vec<(u32, Mask)> = sights.into_iter().map(|(i, mask)| (u32::from(i) % rows.len() as u32, mask)).collect();
                 seen.sort_by_key(|one| one.0);
@@ -177,12 +177,12 @@ mod tests {
                 let (samples, masks) = seen.into_iter().unzip();
                 let seen = Observations::new(samples, masks);
                 let (mut dense, mut cover) = all[from % all.len()].clone();
-                prop_assert_eq!(cover.gain(&order, &seen, &areas), union::gain(&dense, &seen, &areas));
-                prop_assert_eq!(cover.add(&order, &seen, &areas, &thresholds), union::cover(&mut dense, &seen, &areas, &thresholds));
+                prop_assert_eq!(cover.gain(&places, &seen, &areas), union::gain(&dense, &seen, &areas));
+                prop_assert_eq!(cover.add(&places, &seen, &areas, &thresholds), union::cover(&mut dense, &seen, &areas, &thresholds));
                 all.push((dense, cover));
             }
             for (dense, cover) in &all {
-                prop_assert!(dense.iter().enumerate().all(|(i, mask)| cover.cells(&order, i) == *mask));
+                prop_assert!(dense.iter().enumerate().all(|(i, mask)| cover.cells(&places, i) == *mask));
             }
             // Every page that is held is counted once.
             let held: std::collections::HashSet<*const Page> =

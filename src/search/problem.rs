@@ -7,7 +7,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::{FieldTable, Row};
 
 use super::captured::{self, Captured};
-use super::cover::{Cover, Order};
+use super::cover::{Cover, Places};
 use super::leg::{angle_rad, image_poses};
 use super::objective::Objective;
 use super::reach::{Reach, Seeing};
@@ -78,7 +78,7 @@ pub struct Problem<'a> {
     /// Samples with the axes of their hemispheres.
     pub frames: Vec<SampleFrame>,
     /// Where they stand in the nodes of a tree; found out for the first one.
-    order: OnceLock<Order>,
+    places: OnceLock<Places>,
     /// The discretised view directions of a camera on a gimbal (section 5.4); empty for other rigs.
     pub view_directions: Vec<Unit<Vector3<f64>>>,
     /// Disks as the field's, or with a shorter range.
@@ -175,7 +175,7 @@ impl<'a> Problem<'a> {
             disks,
             areas_mm2: field.samples.iter().map(|row| row.area_mm2).collect(),
             thresholds: ceilings.iter().map(|cells| if is_capturable(&cells) { threshold } else { CELLS as u32 }).collect(),
-            order: OnceLock::new(),
+            places: OnceLock::new(),
             frames,
             ceilings,
             matchable,
@@ -320,18 +320,18 @@ impl<'a> Problem<'a> {
     }
 
     /// Where the samples stand in the nodes of a tree.
-    pub fn order(&self) -> &Order {
-        self.order.get_or_init(|| Order::new(&self.frames))
+    pub fn places(&self) -> &Places {
+        self.places.get_or_init(|| Places::new(&self.frames))
     }
 
     /// What [`Problem::gain`] says of a node's cover.
     pub fn gain_over(&self, covered: &Cover, seen: &Observations) -> Information {
-        covered.gain(self.order(), seen, &self.areas_mm2)
+        covered.gain(self.places(), seen, &self.areas_mm2)
     }
 
     /// What [`Problem::cover`] does to a node's cover.
     pub fn add_to(&self, covered: &mut Cover, seen: &Observations) -> Gained {
-        covered.add(self.order(), seen, &self.areas_mm2, &self.thresholds)
+        covered.add(self.places(), seen, &self.areas_mm2, &self.thresholds)
     }
 
     /// Most memory of a tree, bytes.

@@ -108,7 +108,7 @@ fn is_admissible(problem: &Problem, settings: &Settings, from: &Pose, to: &Pose)
 }
 
 fn dense(problem: &Problem, covered: &Cover) -> Vec<Mask> {
-    (0..problem.frames.len()).map(|i| covered.cells(problem.order(), i)).collect()
+    (0..problem.frames.len()).map(|i| covered.cells(problem.places(), i)).collect()
 }
 
 /// What a leg gains beyond `covered`, image by image.

@@ -67,7 +67,7 @@ impl<'p, 'a> Tree<'p, 'a> {
     pub fn new(problem: &'p Problem<'a>, root: Pose) -> Self {
         let mut scratch = problem.scratch();
         let (cells, before) = problem.captured_cells();
-        let mut covered = Cover::of(&cells, problem.order());
+        let mut covered = Cover::of(&cells, problem.places());
         // The root's own image covers, but the sums of Eq. 6 begin with the first leg (k = 2).
         let Gained { captured, .. } = problem.add_to(&mut covered, &problem.observe_pose(&root, &mut scratch));
         let captured = before + captured;

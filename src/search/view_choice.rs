@@ -67,11 +67,11 @@ impl ViewChoice {
     fn look(&mut self, problem: &Problem, from: &Pose, covered: &Cover, to: &Point3<f64>) {
         self.sights.clear();
         self.ends.clear();
-        let order = problem.order();
+        let places = problem.places();
         let end = Pose { position: *to, direction: from.direction };
         for pose in image_poses(&problem.rig, from, &end, problem.spacing) {
             for (i, mask) in problem.sighted(&pose.position) {
-                let cells = mask & !covered.cells(order, i);
+                let cells = mask & !covered.cells(places, i);
                 if cells != 0 {
                     let (target, area_mm2) = (problem.frames[i].position, problem.areas_mm2[i]);
                     self.sights.push(Sight { target, cells, area_mm2, sample: i as u32 });

@@ -6,12 +6,17 @@ mod replan;
 mod search;
 mod warm;
 
+use std::sync::Arc;
+
 use serde_json::{Value, json};
 
 use super::answer::{self, Answer, Form};
 use super::arguments::{BenchArgs, Subject};
 use super::failure::Failure;
 use super::machine::this_machine;
+use super::{rig_file, settings_file};
+use crate::camera::Rig;
+use crate::settings::Settings;
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Answer, Failure> {
     let report = match arguments.subject {
@@ -22,6 +27,14 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Answer, Failure> {
         Subject::Warm => warm::run(arguments, form)?,
     };
     Ok(report.answer())
+}
+
+/// The rig that is measured with, and the settings for its sight.
+fn given(arguments: &BenchArgs) -> Result<(Rig, Arc<Settings>), Failure> {
+    let rig = rig_file::read(&arguments.rig)?.rig;
+    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?.with_sight(rig.sight_scale());
+    settings.check()?;
+    Ok((rig, Arc::new(settings)))
 }
 
 /// What was measured, on what.

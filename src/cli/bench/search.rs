@@ -1,23 +1,19 @@
 //! The tree search on a scene's field.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use serde_json::json;
 
-use super::{Report, Row, field};
+use super::{Report, Row, field, given};
 use crate::cli::answer::Form;
 use crate::cli::arguments::BenchArgs;
 use crate::cli::failure::Failure;
+use crate::cli::in_process;
 use crate::cli::progress::Meter;
-use crate::cli::{in_process, rig_file, settings_file};
 use crate::planner::{self, Method, PlanOptions, StopToken};
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
-    let rig = rig_file::read(&arguments.rig)?.rig;
-    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?.with_sight(rig.sight_scale());
-    settings.check()?;
-    let settings = Arc::new(settings);
+    let (rig, settings) = given(arguments)?;
     let stop = StopToken::default();
     let mut meter = Meter::new(form);
     let (scene, _) = in_process::read_scene(&arguments.file, &settings)?;

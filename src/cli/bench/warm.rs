@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 use geo::{LineString, Polygon};
 use serde_json::json;
 
-use super::{Report, Row, field};
+use super::{Report, Row, field, given};
 use crate::cli::answer::Form;
 use crate::cli::arguments::BenchArgs;
 use crate::cli::failure::Failure;
+use crate::cli::in_process;
 use crate::cli::progress::Meter;
-use crate::cli::{in_process, rig_file, settings_file};
 use crate::planner::{self, Made, Method, PlanOptions, StopToken};
 use crate::scene::edit::Edit;
 use crate::session::{Session, Snapshot};
@@ -32,10 +32,7 @@ const ROUNDS: u32 = 120;
 const CANCELLED_AFTER: Duration = Duration::from_millis(150);
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
-    let rig = rig_file::read(&arguments.rig)?.rig;
-    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?.with_sight(rig.sight_scale());
-    settings.check()?;
-    let settings = Arc::new(settings);
+    let (rig, settings) = given(arguments)?;
     let stop = StopToken::default();
     let mut meter = Meter::new(form);
     meter.stage("the first flight");

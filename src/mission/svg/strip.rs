@@ -193,7 +193,7 @@ mod tests {
         for (number, title) in ["one", "two", "three"].into_iter().enumerate() {
             let id = format!("stretch-{}", number + 1);
             let group = document.descendants().find(|node| node.attribute("id") == Some(&id)).unwrap();
-            assert!(group.descendants().any(|node| node.text() == Some(title)));
+            assert!(group.descendants().any(|node| node.text().is_some_and(|text| text.trim() == title)));
             let fills = |fill: &str| group.descendants().filter(|node| node.attribute("fill") == Some(fill)).count();
             assert_eq!((fills(NEW), fills(ZONE)), (1, 1));
             let strokes = |colour: &str| group.descendants().filter(|node| node.attribute("stroke") == Some(colour)).count();

@@ -20,6 +20,7 @@ use super::moves::{self, exponential};
 use crate::camera::Pose;
 use crate::search::Iteration;
 use crate::search::objective::PathSums;
+use crate::stop::StopToken;
 
 /// What is wanted: the least time at a coverage, the most coverage within a time, or the most of the paper's objective.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -208,8 +209,8 @@ impl<'a> Annealing<'a> {
         self.best.record
     }
 
-    /// One round at a temperature: how much worse a change may make the flight, ns, on average.
-    pub fn round(&mut self, temperature_ns: f64) {
+    /// One round at a temperature: how much worse a change may make the flight, ns, on average. One that is abandoned ends at once, anywhere.
+    pub fn round(&mut self, temperature_ns: f64, stop: &StopToken) {
         let (ground, required, steps) = (self.ground, self.demand.required, self.ground.settings.round_moves);
         let pursuit = match self.aim {
             Aim::MostObjective => Pursuit::Objective(&ground.problem.objective),
@@ -228,6 +229,9 @@ impl<'a> Annealing<'a> {
                 random.set_stream(u64::from(rounds) << 8 | worker as u64);
                 let (mut splice, mut returns) = (Splice::default(), Returns::default());
                 for _ in 0..steps {
+                    if stop.is_abandoned() {
+                        break;
+                    }
                     let kind = choice.draw(&mut random);
                     let mut trial = Trial::default();
                     if moves::propose(ground, flight, required, *sector, kind, &mut random, &mut splice) {

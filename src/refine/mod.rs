@@ -121,7 +121,7 @@ pub fn refine(
             level += 1;
             annealing.move_to(levels.ground(level));
         }
-        annealing.round(temperature_s(ground, task, done, rounds) * 1e9);
+        annealing.round(temperature_s(ground, task, done, rounds) * 1e9, stop);
         done += 1;
         convergence.push(annealing.record());
         if let Budget::Until(until_s) = budget
@@ -139,6 +139,10 @@ pub fn refine(
         }
     }
 
+    if stop.is_abandoned() {
+        // Nobody looks at it any more.
+        return Outcome { path: headed(&ground.problem.rig, &annealing.best().path), convergence, stop: StopReason::Cancelled };
+    }
     if level < levels.last() {
         annealing.move_to(ground);
     }
@@ -156,7 +160,7 @@ pub fn refine(
         }
         annealing.calibrate(&really, true);
         for _ in 0..(f64::from(rounds * (repair + 1)) * REPAIR_SHARE).ceil() as u32 {
-            annealing.round(ground.settings.coldest_s * 1e9);
+            annealing.round(ground.settings.coldest_s * 1e9, stop);
             tell(annealing.record(), done, rounds);
         }
     }

@@ -189,7 +189,8 @@ mod tests {
             let rates = [dynamics.gimbal_rate_dps, dynamics.yaw_rate_dps].map(f64::to_radians);
             let whole_s = slowest_part_s(&first, &last, rates[0], rates[1]);
             let quick_s = turning_s(&first, &last, &dynamics, given_s);
-            prop_assert!(quick_s == whole_s || quick_s == 0.0 && whole_s <= given_s * (1.0 + 1e-9), "{quick_s} s, but {whole_s} s");
+            // Straight down the angle is taken at once and not in parts: the same but for rounding.
+            prop_assert!((quick_s - whole_s).abs() <= 1e-9 || quick_s == 0.0 && whole_s <= given_s * (1.0 + 1e-9), "{quick_s} s, but {whole_s} s");
         }
     }
 

@@ -191,7 +191,7 @@ pub struct SearchSettings {
     pub neighbours_most: u32,
     /// Least distance of two images along an edge, m; the rig's shutter may need more.
     pub image_spacing_m: f64,
-    /// The masks of one search's tree may take this much, MB.
+    /// One search's tree may take this much, MB.
     pub memory_mb: u32,
     /// Most that the view of a camera on a gimbal turns on one leg, degrees; blur may allow less (section 5.4).
     pub view_turn_deg: f64,

@@ -3,7 +3,7 @@
 mod program;
 
 use std::io::{BufRead, BufReader};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
 use overfly_client::Domain;
@@ -395,8 +395,13 @@ fn the_demo_writes_both_plans_and_leaves_nothing_else() {
     assert_eq!(in_the_air["first_plan_ms"].as_array().unwrap().len(), 3, "{in_the_air}");
     let [landed, planned] = [in_the_air, &answer["replan"]].map(|flight| flight["coverage_percent"].as_f64().unwrap());
     assert!(landed > planned - 3.0, "{landed} % after three changes, {planned} % without");
-    let drawn = std::fs::read_to_string(place.path("overfly-out/demo/flight.svg")).unwrap();
-    assert_eq!(drawn.matches("id=\"stretch-").count(), 4);
+    for (drawn, shown) in [("plan.svg", "demo.svg"), ("flight.svg", "flight.svg")] {
+        let [drawn, shown] = [
+            place.path("overfly-out/demo").join(drawn),
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures").join(shown),
+        ];
+        assert!(std::fs::read(&drawn).unwrap() == std::fs::read(&shown).unwrap(), "the README shows another {}", drawn.display());
+    }
     assert_eq!((&answer["plan"]["revision"], &answer["replan"]["revision"]), (&1.into(), &2.into()));
     assert!(!place.path("overfly").exists());
     assert_eq!(domain.shared_memory_files(), Vec::<PathBuf>::new());

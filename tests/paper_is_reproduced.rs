@@ -252,6 +252,23 @@ fn only_what_is_asked_for_is_made() {
 }
 
 #[test]
+fn a_field_of_a_larger_city_is_larger_and_is_drawn() {
+    let place = Place::new();
+    reproduce(&place, "2", &["--only", "growth", "--out", "out"]);
+    let found = json(&place, "out");
+    let table = &found["times"]["tables"][0];
+    let rows: Vec<&Value> = table["rows"].as_array().unwrap().iter().map(|row| &row["cells"]).collect();
+    assert_eq!((table["key"].as_str(), rows.len()), (Some("growth"), 2));
+    let figure = |cells: &Value, column: &str| cells[column].as_f64().unwrap();
+    for column in ["Structures", "Samples", "Viewpoints", "Field [MB]"] {
+        let [small, large] = [rows[0], rows[1]].map(|cells| figure(cells, column));
+        assert!(0.0 < small && small < large, "{column}: {small}, {large}");
+    }
+    assert!(rows.iter().all(|cells| figure(cells, "Build [s]") > 0.0 && figure(cells, "Update after an edit [ms]") > 0.0));
+    assert_eq!(place.files("out"), ["growth.svg", "reproduction.json", "reproduction.md"]);
+}
+
+#[test]
 fn sights_are_compared_by_one_measure_and_are_the_same_again() {
     let place = place_with_scenes();
     reproduce(&place, "1", &["--only", "sight", "--out", "first"]);

@@ -14,6 +14,7 @@ use overfly::search::captured::Captured;
 use overfly::search::{Problem, Wanted};
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
+use overfly::trajectory::known::Scope;
 use overfly::trajectory::plan::{Image, Plan, StopReason};
 use overfly::trajectory::profile::Passage;
 use overfly::trajectory::record::Record;
@@ -150,7 +151,7 @@ proptest! {
             prop_assert!(jerk_mps < 1e-6 || passage.velocity_mps.norm() < 0.1, "{} m/s", jerk_mps);
             // On an arc the way straight on may lead too near to something: then it brakes.
             prop_assert!(!on.egress.escapes);
-            prop_assert!(safety::check_behind(profile.curve(), on.egress.legs(), &now.free, None).is_ok());
+            prop_assert!(safety::check_behind(profile.curve(), on.egress.legs(), Scope::everywhere(&now.free)).is_ok());
             if let Some(view) = en_route.view {
                 prop_assert_eq!(on.waypoints[0].direction, Some(view));
             }
@@ -302,7 +303,7 @@ proptest! {
         let legs = on.egress.legs();
         prop_assert!(legs > 0 || now.free.is_safe(&at));
         let profile = on.profile().unwrap();
-        prop_assert!(safety::check_behind(profile.curve(), legs, &now.free, None).is_ok());
+        prop_assert!(safety::check_behind(profile.curve(), legs, Scope::everywhere(&now.free)).is_ok());
         let place = |k: usize| on.waypoints[k].position_m;
         if on.egress.brakes {
             let (ahead, way) = (en_route.velocity_mps, place(1) - place(0));

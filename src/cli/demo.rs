@@ -85,7 +85,7 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     let watch = client.watch(&loaded.scene)?;
     let edit_started = Instant::now();
     let edited = client.edit(&loaded.scene, &EditOrder::Raise { structure: raised.clone(), by_m: RAISE_M })?;
-    watch.next(daemon::REPLAN)?;
+    daemon::first_plan(&watch, edited.revision)?;
     let edit_to_first_plan_s = edit_started.elapsed().as_secs_f64();
     let message = client.await_replan(&edited, daemon::REPLAN, &mut |note| meter.note(note))?;
     let edit_to_plan_s = edit_started.elapsed().as_secs_f64();

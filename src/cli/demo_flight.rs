@@ -39,9 +39,10 @@ pub struct Flown {
 pub fn fly(client: &Client, folder: &Path, scene: &str, message: PlanMessage, meter: &mut Meter) -> Result<Flown, Failure> {
     let (mut plan, _) = daemon::plan_of(&message)?;
     let (mut epoch, mut flown, mut flown_s) = (message.epoch(), Vec::new(), 0.0);
-    let mut stretches = vec![stretch(client, "The flight begins", None, &flown, flown_s, &plan, None)?];
+    let mut stretches = vec![stretch(client, "The flight begins", None, &flown, flown_s, &plan)?];
     let mut zones: Vec<Vec<[f64; 2]>> = Vec::new();
     let mut first_plans_ms = Vec::new();
+    let watch = client.watch(scene)?;
     for number in 0..3 {
         meter.stage(&format!("in the air: change {} of 3", number + 1));
         let Some(here) = report(&plan, epoch) else { break };
@@ -54,14 +55,13 @@ pub fn fly(client: &Client, folder: &Path, scene: &str, message: PlanMessage, me
         if let EditOrder::AddZone { outline_m, .. } = &edit {
             zones.push(outline_m.clone());
         }
-        let watch = client.watch(scene)?;
         let started = Instant::now();
         let edited = client.edit(scene, &edit)?;
-        watch.next(daemon::REPLAN)?;
+        daemon::first_plan(&watch, edited.revision)?;
         first_plans_ms.push(1e3 * started.elapsed().as_secs_f64());
         let message = client.await_replan(&edited, daemon::REPLAN, &mut |note| meter.note(note))?;
         (plan, epoch) = (daemon::plan_of(&message)?.0, message.epoch());
-        let mut next = stretch(client, &title, changed.as_deref(), &flown, flown_s, &plan, first_plans_ms.last().copied())?;
+        let mut next = stretch(client, &title, changed.as_deref(), &flown, flown_s, &plan)?;
         next.zones.clone_from(&zones);
         stretches.push(next);
     }
@@ -129,14 +129,10 @@ fn stretch(
     flown: &[Point3<f64>],
     flown_s: f64,
     plan: &Plan,
-    first_plan_ms: Option<f64>,
 ) -> Result<Stretch, Failure> {
     let map = client.field(&plan.scene.name)?;
     let metrics = &plan.metrics;
-    let mut caption =
+    let caption =
         format!("{flown_s:.0} s flown, {:.0} s ahead, {:.1} % captured in the end", metrics.profile_s, metrics.coverage_percent);
-    if let Some(first_plan_ms) = first_plan_ms {
-        caption.push_str(&format!("; first safe plan after {first_plan_ms:.0} ms"));
-    }
     Ok(Stretch::new(title.to_owned(), caption, &map.table(), changed, flown, plan))
 }

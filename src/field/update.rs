@@ -1,8 +1,8 @@
 //! The visibility of a field after an edit, from the field before: only tiles that the edit can have changed are looked at, and in them only pairs of
 //! viewpoints and samples that it can have changed. The other tiles keep their segments.
 //!
-//! A pair whose viewpoint and sample are as before can change only when its line of sight leads through a box in which something stood
-//! or stands now: one that was free by what has come, one that was blocked by what has gone. What results equals a field that is built anew,
+//! A pair whose viewpoint and sample are as before can change only when its line of sight meets what has come, if it was free, or what has gone, if it
+//! was blocked. What results equals a field that is built anew,
 //! bit for bit (`tests/field_is_exact.rs`).
 
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -65,7 +65,7 @@ pub fn replan(
     snapshot: &Snapshot,
     settings: &Settings,
     options: &PlanOptions,
-    record: Option<Record>,
+    mut record: Option<Record>,
     stop: &StopToken,
     on_progress: &mut dyn FnMut(&Progress),
     on_interim: &mut dyn FnMut(Made),
@@ -85,7 +85,7 @@ pub fn replan(
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });
     }
     let matched_goal_percent = matched_goal_percent(settings, options);
-    let known = record.as_ref().and_then(|record| record.known(snapshot));
+    let known = record.as_mut().and_then(|record| record.known(snapshot));
     let mut order = Order { snapshot, settings, options, problem: &problem, matched_goal_percent, stop, departure: None, known };
     if let Some(en_route) = &options.en_route {
         order.departure = Some(order.depart(en_route)?);

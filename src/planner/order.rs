@@ -14,7 +14,7 @@ use crate::stop::StopToken;
 use crate::trajectory::egress::Egress;
 use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::Exposed;
-use crate::trajectory::known::{Known, SafeFlight};
+use crate::trajectory::known::{Known, SafeFlight, Scope};
 use crate::trajectory::limits::Limits;
 use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, StopReason, Waypoint};
 use crate::trajectory::profile::Profile;
@@ -65,7 +65,7 @@ impl Order<'_> {
         }
         let egress = departure.as_ref().map_or_else(Egress::default, |departure| departure.egress);
         egress.check(&profile.curve().waypoints, &limits, &snapshot.free)?;
-        let clearance_m = safety::check_behind(profile.curve(), egress.legs(), &snapshot.free, self.known.as_ref())?;
+        let clearance_m = safety::check_behind(profile.curve(), egress.legs(), self.scope())?;
         record.flight = Some(SafeFlight {
             curve: profile.curve().clone(),
             deviations_m: deviations_m.clone(),
@@ -113,15 +113,19 @@ impl Order<'_> {
     pub fn resumed(&self) -> Option<Vec<Pose>> {
         let Self { options, problem, .. } = *self;
         let earlier = options.earlier.as_ref().filter(|_| matches!(options.method, Method::Refined | Method::Paper))?;
-        let known = self.known.as_ref();
         let path = match &self.departure {
-            None => resume::resumed(problem, earlier, options.start_m.is_some(), known)?,
+            None => resume::resumed(problem, earlier, options.start_m.is_some(), self.scope())?,
             Some(departure) => {
                 let from_start: Vec<Pose> = std::iter::once(departure.start()).chain(earlier.iter().copied()).collect();
-                departure.landed(problem, &resume::resumed(problem, &from_start, true, known)?)?
+                departure.landed(problem, &resume::resumed(problem, &from_start, true, self.scope())?)?
             }
         };
         Some(headed(&problem.rig, &path))
+    }
+
+    /// Where a flight has to be looked at to know that it is safe.
+    fn scope(&self) -> Scope<'_> {
+        Scope::after(&self.snapshot.free, self.known.as_ref())
     }
 
     /// The paper's own method: a random tree, and the best path in it.
@@ -164,7 +168,7 @@ impl Order<'_> {
     /// A whole path as it is flown: its limits, how far the arcs may pass from the corners, m, and its profile.
     fn timed(&self, path: &[Pose]) -> (Limits, Vec<f64>, Profile) {
         let mut limits = Limits::new(&self.problem.rig, &self.settings.flight, &self.settings.dynamics);
-        let mut deviations_m = safety::deviations_m(path, &limits, &self.snapshot.free, self.known.as_ref());
+        let mut deviations_m = safety::deviations_m(path, &limits, self.scope());
         if let Some(departure) = &self.departure {
             limits.entry_mps = departure.entry_mps();
             deviations_m = departure.stopped(deviations_m);

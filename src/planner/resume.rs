@@ -7,7 +7,7 @@ use crate::baseline::router::Router;
 use crate::camera::{Cameras, Pose};
 use crate::search::Problem;
 use crate::search::leg::slerp;
-use crate::trajectory::known::Known;
+use crate::trajectory::known::Scope;
 
 /// A way around is looked for over the viewpoints no farther than this from the leg, m, or as far as the leg is long.
 const AROUND_M: f64 = 60.0;
@@ -21,23 +21,19 @@ const LEAST_SHARE: f64 = 0.5;
 /// Poses that a worker takes at once, at least.
 const LEAST_POSES: usize = 32;
 
-/// The waypoints of an earlier flight as they can be flown now, by what is known of it; `None` when too few of them are left, or the start where it `is_start_fixed`.
-pub fn resumed(problem: &Problem, earlier: &[Pose], is_start_fixed: bool, known: Option<&Known>) -> Option<Vec<Pose>> {
+/// The waypoints of an earlier flight as they can be flown now, `None` when too few of them are left, or the start where it `is_start_fixed`.
+pub fn resumed(problem: &Problem, earlier: &[Pose], is_start_fixed: bool, scope: Scope) -> Option<Vec<Pose>> {
     let looks_around = matches!(problem.rig.cameras, Cameras::Panoramic { .. });
     if earlier.iter().any(|pose| pose.direction.is_none() != looks_around) {
         // The flight of another rig.
         return None;
     }
-    let free = problem.free;
-    let is_admissible = |pose: &&Pose| {
-        let free = known.map_or(free, |known| known.at(free, &pose.position));
-        problem.can_look(pose) && free.is_safe(&pose.position)
-    };
+    let is_admissible = |pose: &&Pose| problem.can_look(pose) && scope.at(&pose.position).is_safe(&pose.position);
     let poses: Vec<&Pose> = earlier.par_iter().with_min_len(LEAST_POSES).filter(is_admissible).collect();
     // Nearly all legs are as they were, and whether they are is asked side by side.
     let legs = poses.par_windows(2).with_min_len(LEAST_POSES);
     let can_fly = |from: &Pose, to: &Pose| {
-        let free = known.map_or(free, |known| known.along(free, &from.position, &to.position));
+        let free = scope.along(&from.position, &to.position);
         problem.is_flyable(from, to) && free.is_leg_safe(&from.position, &to.position)
     };
     let is_flown: Vec<bool> = legs.map(|leg| can_fly(leg[0], leg[1])).collect();

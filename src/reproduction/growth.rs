@@ -99,7 +99,7 @@ fn city(study: &Study, area_km2: f64) -> Result<City, ReproductionError> {
             0 => Edit::Raise { id: middle, by_m: STEP_M },
             _ => Edit::Lower { id: middle, by_m: STEP_M },
         };
-        session.apply(&edit).expect("a structure can be raised, and lowered again");
+        session.apply(&edit).map_err(|error| ReproductionError::Edit(error.to_string()))?;
         let begun_s = study.now_s();
         let next: Snapshot = session.survey_after(&snapshot, stop)?.into_snapshot(stop)?;
         updates_ms.push(1e3 * (study.now_s() - begun_s));

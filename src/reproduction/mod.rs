@@ -143,6 +143,8 @@ pub enum ReproductionError {
     Stopped,
     #[error(transparent)]
     Field(FieldError),
+    #[error("a structure of a generated city cannot be edited: {0}")]
+    Edit(String),
     #[error(transparent)]
     Rig(#[from] RigError),
 }

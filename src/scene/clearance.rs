@@ -13,10 +13,10 @@ use parry3d::math::Vector;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode, TraversalAction};
 use rayon::prelude::*;
 
+use super::bounds::Bounds;
 use super::differences::Differences;
 use super::distance::{point_triangle_squared, segment_hits_triangle, segment_triangle_squared};
 use super::proxy::{Scene, Structure, Triangle};
-use super::solid::Bounds;
 
 /// All triangles of a scene, ready for queries: a hierarchy over the structures, and in each of them one over its triangles, so that an edit
 /// makes only those of its own structures anew. Never changes.

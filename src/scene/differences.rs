@@ -3,8 +3,8 @@
 
 use std::sync::Arc;
 
+use super::bounds::Bounds;
 use super::proxy::{NoFlyZone, Scene, Structure};
-use super::solid::Bounds;
 
 /// What two scenes do not have in common.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -6,10 +6,10 @@ use geo::{Area, Intersects, Validation};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
+use super::bounds::Bounds;
 use super::clearance::Clearance;
 use super::differences::Differences;
 use super::proxy::{NoFlyZone, Scene, Structure, ZoneSource};
-use super::solid::Bounds;
 use crate::frame::{Geodetic, LocalFrame};
 use crate::settings::{FlightSettings, NoFlySetting};
 
@@ -22,8 +22,6 @@ pub struct FreeSpace {
     /// The box of admissible positions, m: lateral limits and altitudes.
     pub limits: Bounds,
     pub safety_distance_m: f64,
-    /// Height of the tallest structure, m.
-    top_m: f64,
     /// The box around all structures.
     pub bounds: Option<Bounds>,
 }
@@ -95,7 +93,6 @@ impl FreeSpace {
         Ok(Self {
             clearance,
             limits: limits(captured, settings),
-            top_m: all.map_or(0.0, |bounds| bounds.max.z),
             bounds: all,
             solids,
             zones,
@@ -103,7 +100,7 @@ impl FreeSpace {
         })
     }
 
-    /// The same space with those structures alone that an earlier scene did not have.
+    /// The same limits and zones around those structures alone that an earlier scene did not have.
     pub fn only_new(&self, differences: &Differences) -> Self {
         let is_new = |index: usize| differences.kept[index].is_none();
         let solids = self.solids.iter().enumerate().filter(|(index, _)| is_new(*index));
@@ -186,19 +183,24 @@ impl FreeSpace {
 
     /// Whether nothing stands above `p`.
     pub fn sees_the_sky(&self, p: &Point3<f64>) -> bool {
-        !self.clearance.occluded(p, &Point3::new(p.x, p.y, self.top_m + 1.0))
+        let top_m = self.bounds.map_or(0.0, |bounds| bounds.max.z);
+        !self.clearance.occluded(p, &Point3::new(p.x, p.y, top_m + 1.0))
     }
 
     /// The structure that holds `p` inside, if any.
     pub fn structure_around(&self, p: &Point3<f64>) -> Option<&Structure> {
-        let near = self.clearance.structures_near(&Bounds { min: *p, max: *p }).into_iter().map(|index| &self.solids[index]);
-        near.into_iter().find(|solid| solid.contains(p)).map(|solid| solid.structure.as_ref())
+        self.solid_around(p, |_| true)
     }
 
     /// A structure with holes that holds `p` inside: the only ones to look for where no surface has been passed.
     pub fn open_structure_around(&self, p: &Point3<f64>) -> Option<&Structure> {
-        let near = self.clearance.structures_near(&Bounds { min: *p, max: *p }).into_iter().map(|index| &self.solids[index]);
-        near.into_iter().find(|solid| self.is_open(solid) && solid.contains(p)).map(|solid| solid.structure.as_ref())
+        self.solid_around(p, |solid| self.is_open(solid))
+    }
+
+    fn solid_around(&self, p: &Point3<f64>, is_asked: impl Fn(&Solid) -> bool) -> Option<&Structure> {
+        let near = self.clearance.structures_near(&Bounds { min: *p, max: *p });
+        let around = near.into_iter().map(|index| &self.solids[index]).find(|solid| is_asked(solid) && solid.contains(p));
+        around.map(|solid| solid.structure.as_ref())
     }
 
     /// Whether a flight might get inside without passing through a surface. The mirror image of a mesh in the ground counts as well, and has no

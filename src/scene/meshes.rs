@@ -2,12 +2,12 @@
 
 use nalgebra::Point3;
 
+use super::bounds::Bounds;
 use super::locate::median;
 use super::names::Names;
 use super::orient;
 use super::proxy::{Shape, Structure, StructureId, Triangle};
 use super::report::{ImportReport, ItemKind, Place};
-use super::solid::Bounds;
 
 /// A mesh that ends lower above the ground is the ground itself, m.
 const LEAST_TOP_M: f64 = 0.5;

@@ -2,6 +2,7 @@
 //!
 //! [`read()`] turns the bytes of a file into a [`Scene`] and an [`ImportReport`]; [`generate_block`] makes a scene from a seed.
 
+pub mod bounds;
 pub mod proxy;
 pub mod solid;
 
@@ -38,9 +39,9 @@ pub mod clearance;
 mod distance;
 pub mod free_space;
 
+pub use bounds::Bounds;
 pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle, ZoneSource};
 pub use read::{ImportError, read, read_anchored};
 pub use report::{ImportReport, ItemKind, Place, ReportItem};
-pub use solid::Bounds;
 pub use write::to_geojson;

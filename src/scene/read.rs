@@ -7,10 +7,10 @@ use nalgebra::Point3;
 use serde::Deserialize;
 
 use super::anchor::Anchor;
+use super::bounds::Bounds;
 use super::json::Scalar;
 use super::proxy::{NoFlyZone, Scene, Shape, Structure};
 use super::report::ImportReport;
-use super::solid::Bounds;
 use super::{cityjson, geojson, obj};
 use crate::frame::LocalFrame;
 use crate::settings::ProxySettings;

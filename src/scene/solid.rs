@@ -9,6 +9,7 @@ use geo::{
 };
 use nalgebra::{Point3, Vector3};
 
+use super::bounds::Bounds;
 use super::proxy::{Scene, Shape, Structure, Triangle};
 
 /// A mesh whose lowest vertex lies below this stands on the ground, so its missing floor does not matter, m.
@@ -19,108 +20,6 @@ const OUTLINE_NOISE_M2: f64 = 0.01;
 
 /// So many triangles are united in one go.
 const MOST_AT_ONCE: usize = 512;
-
-/// Cosines are taken for so much larger that rounding decides nothing.
-const ANGLE_SLACK: f64 = 1e-9;
-
-/// Lengths are taken for so much larger, m, that rounding decides nothing.
-const LENGTH_SLACK_M: f64 = 1e-6;
-
-/// A box along the axes, metres in the local frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bounds {
-    pub min: Point3<f64>,
-    pub max: Point3<f64>,
-}
-
-impl Bounds {
-    /// The box of some points; `None` without points.
-    pub fn of_points(points: impl IntoIterator<Item = Point3<f64>>) -> Option<Self> {
-        points.into_iter().map(|point| Self { min: point, max: point }).reduce(|a, b| a.union(&b))
-    }
-
-    /// The box between two heights over an outline; `None` for one without corners.
-    pub fn above(outline: &MultiPolygon<f64>, base_m: f64, top_m: f64) -> Option<Self> {
-        let rect = outline.bounding_rect()?;
-        let corner = |at: geo::Coord, z: f64| Point3::new(at.x, at.y, z);
-        Some(Self { min: corner(rect.min(), base_m), max: corner(rect.max(), top_m) })
-    }
-
-    pub fn union(&self, other: &Self) -> Self {
-        Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
-    }
-
-    /// The box with this much more on every side, m.
-    pub fn grown(&self, by_m: f64) -> Self {
-        let by = Vector3::repeat(by_m);
-        Self { min: self.min - by, max: self.max + by }
-    }
-
-    /// Whether two boxes have a point in common.
-    pub fn meets(&self, other: &Self) -> bool {
-        (0..3).all(|axis| self.min[axis] <= other.max[axis] && other.min[axis] <= self.max[axis])
-    }
-
-    /// Squared distance of `point` to the box, m^2; 0 within.
-    pub fn distance_squared(&self, point: &Point3<f64>) -> f64 {
-        let outside = |axis: usize| (self.min[axis] - point[axis]).max(point[axis] - self.max[axis]).max(0.0);
-        (0..3).map(|axis| outside(axis) * outside(axis)).sum()
-    }
-
-    /// Whether the segment from `a` to `b` meets the box.
-    pub fn meets_segment(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
-        let (mut enter, mut leave) = (0.0f64, 1.0f64);
-        for axis in 0..3 {
-            let (from, along) = (a[axis], b[axis] - a[axis]);
-            if along == 0.0 {
-                if from < self.min[axis] || from > self.max[axis] {
-                    return false;
-                }
-                continue;
-            }
-            let (low, high) = ((self.min[axis] - from) / along, (self.max[axis] - from) / along);
-            enter = enter.max(low.min(high));
-            leave = leave.min(low.max(high));
-        }
-        enter <= leave
-    }
-
-    /// Whether a line between two other boxes may lead over this one.
-    pub fn may_lie_between(&self, a: &Self, b: &Self) -> bool {
-        let circle = |bounds: &Self| {
-            let half = (bounds.max - bounds.min).xy() / 2.0;
-            (bounds.min.xy() + half, half.norm())
-        };
-        let ((own, own_m), (from, from_m), (to, to_m)) = (circle(self), circle(a), circle(b));
-        // Seen from above, all such lines lie within the wider one's radius of the line between the middles.
-        let (along, away) = (to - from, own - from);
-        let share = (away.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        self.meets(&a.union(b)) && (away - along * share).norm() <= own_m + from_m.max(to_m) + LENGTH_SLACK_M
-    }
-
-    /// Whether a line from `from` into the box may lead over `other`, seen from above: by the angles at which their circles appear.
-    pub fn may_be_behind(&self, other: &Self, from: &Point3<f64>) -> bool {
-        let circle = |bounds: &Self| {
-            let half = (bounds.max - bounds.min).xy() / 2.0;
-            ((bounds.min.xy() + half) - from.xy(), half.norm())
-        };
-        let ((to_self, own), (to_other, others)) = (circle(self), circle(other));
-        let (self_m, other_m) = (to_self.norm(), to_other.norm());
-        if self_m <= own || other_m <= others {
-            return true;
-        }
-        let (sine, other_sine) = (own / self_m, others / other_m);
-        let cosine = |sine: f64| (1.0 - sine * sine).sqrt();
-        // Half the angles at which the two appear, together, and the angle between their middles: both are between 0 and 180 degrees.
-        let apart = to_self.dot(&to_other) / (self_m * other_m);
-        other_m - others <= self_m + own && apart >= cosine(sine) * cosine(other_sine) - sine * other_sine - ANGLE_SLACK
-    }
-
-    /// Whether `point` lies in the box or on its sides.
-    pub fn contains(&self, point: &Point3<f64>) -> bool {
-        (0..3).all(|axis| self.min[axis] <= point[axis] && point[axis] <= self.max[axis])
-    }
-}
 
 impl Scene {
     /// The box around all structures; `None` for a scene without structures.

@@ -30,6 +30,13 @@ pub struct Known {
     newcomers: FreeSpace,
 }
 
+/// Where the parts of a flight have to be looked at to know that they are safe: what is known among the newcomers, all else everywhere.
+#[derive(Clone, Copy, Debug)]
+pub struct Scope<'s> {
+    free: &'s FreeSpace,
+    known: Option<&'s Known>,
+}
+
 impl Known {
     /// `None` where the snapshot does not say how it differs from the revision before, which the flight was safe in.
     pub fn new(flight: SafeFlight, snapshot: &Snapshot) -> Option<Self> {
@@ -39,49 +46,65 @@ impl Known {
         is_as_strict.then(|| Self { newcomers: snapshot.free.only_new(&changes.differences), places, flight })
     }
 
-    /// Where a position has to be looked at: among the newcomers if it was a waypoint, else in the whole of `free`.
-    pub fn at<'f>(&'f self, free: &'f FreeSpace, p: &Point3<f64>) -> &'f FreeSpace {
-        self.chosen(free, self.place(p).is_some())
-    }
-
-    /// Where the leg between two waypoints has to be looked at.
-    pub fn along<'f>(&'f self, free: &'f FreeSpace, from: &Point3<f64>, to: &Point3<f64>) -> &'f FreeSpace {
-        self.chosen(free, self.leg(from, to).is_some())
-    }
-
-    /// Where the straight part of leg `leg` of a curve has to be looked at.
-    pub fn along_straight<'f>(&'f self, free: &'f FreeSpace, curve: &Curve, leg: usize) -> &'f FreeSpace {
-        let before = self.leg(&curve.waypoints[leg], &curve.waypoints[leg + 1]);
-        self.chosen(free, before.is_some_and(|before| self.flight.curve.straight(before) == curve.straight(leg)))
-    }
-
-    /// Where an arc has to be looked at.
-    pub fn on_arc<'f>(&'f self, free: &'f FreeSpace, arc: &Arc) -> &'f FreeSpace {
-        self.chosen(free, self.place(&arc.corner).is_some_and(|place| self.flight.curve.arcs[place] == *arc))
-    }
-
-    /// How far the arc at a corner passed from it, m, where both its legs are as they were.
-    pub fn deviation_m(&self, before: &Point3<f64>, corner: &Point3<f64>, after: &Point3<f64>) -> Option<f64> {
-        let ahead = self.leg(before, corner)?;
-        let behind = self.leg(corner, after)?;
-        (ahead + 1 == behind).then(|| self.flight.deviations_m[behind])
-    }
-
-    pub fn newcomers(&self) -> &FreeSpace {
-        &self.newcomers
-    }
-
     fn place(&self, p: &Point3<f64>) -> Option<usize> {
         self.places.get(&key(p)).copied().filter(|&place| place >= self.flight.egress_legs)
     }
 
+    /// The leg between two waypoints that follow each other.
     fn leg(&self, from: &Point3<f64>, to: &Point3<f64>) -> Option<usize> {
         let (from, to) = (self.place(from)?, self.place(to)?);
         (from + 1 == to).then_some(from)
     }
+}
 
-    fn chosen<'f>(&'f self, free: &'f FreeSpace, is_known: bool) -> &'f FreeSpace {
-        if is_known { &self.newcomers } else { free }
+impl<'s> Scope<'s> {
+    /// Nothing is known.
+    pub fn everywhere(free: &'s FreeSpace) -> Self {
+        Self { free, known: None }
+    }
+
+    pub fn after(free: &'s FreeSpace, known: Option<&'s Known>) -> Self {
+        Self { free, known }
+    }
+
+    /// All that is free.
+    pub fn free(&self) -> &'s FreeSpace {
+        self.free
+    }
+
+    /// For a waypoint.
+    pub fn at(&self, p: &Point3<f64>) -> &'s FreeSpace {
+        self.where_known(|known| known.place(p).is_some())
+    }
+
+    /// For the leg between two waypoints.
+    pub fn along(&self, from: &Point3<f64>, to: &Point3<f64>) -> &'s FreeSpace {
+        self.where_known(|known| known.leg(from, to).is_some())
+    }
+
+    /// For the straight part of a leg of a curve.
+    pub fn along_straight(&self, curve: &Curve, leg: usize) -> &'s FreeSpace {
+        self.where_known(|known| {
+            let before = known.leg(&curve.waypoints[leg], &curve.waypoints[leg + 1]);
+            before.is_some_and(|before| known.flight.curve.straight(before) == curve.straight(leg))
+        })
+    }
+
+    /// For an arc.
+    pub fn on_arc(&self, arc: &Arc) -> &'s FreeSpace {
+        self.where_known(|known| known.place(&arc.corner).is_some_and(|place| known.flight.curve.arcs[place] == *arc))
+    }
+
+    /// For an arc that passes so far from the corner between two waypoints, m.
+    pub fn round_corner(&self, [before, corner, after]: [&Point3<f64>; 3], deviation_m: f64) -> &'s FreeSpace {
+        self.where_known(|known| {
+            let legs = known.leg(before, corner).zip(known.leg(corner, after));
+            legs.is_some_and(|(_, behind)| known.flight.deviations_m[behind] == deviation_m)
+        })
+    }
+
+    fn where_known(&self, is_known: impl Fn(&Known) -> bool) -> &'s FreeSpace {
+        self.known.filter(|known| is_known(known)).map_or(self.free, |known| &known.newcomers)
     }
 }
 

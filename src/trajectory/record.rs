@@ -1,8 +1,7 @@
 //! What the images of a flight see, kept so that the flight after an edit is looked at anew only where the edit can have changed something.
 //!
-//! A line of sight between an image and a sample that are both as before can change only when it leads through a box in which something stood or
-//! stands now. So only images that are new, samples that are new, and lines through such boxes are cast again; what results equals what all images
-//! would show if they were looked at anew (`tests/plan_resumes.rs`).
+//! A line of sight between an image and a sample that are both as before can change only when it meets what has come or what has gone. So only images
+//! that are new, samples that are new, and such lines are cast again; what results equals what all images would show if they were looked at anew (`tests/plan_resumes.rs`).
 
 use std::collections::HashMap;
 
@@ -63,16 +62,18 @@ impl Record {
         })
     }
 
-    /// What is known to be safe of the flight in the revision that follows.
-    pub fn known(&self, snapshot: &Snapshot) -> Option<Known> {
-        let is_before = snapshot.changes().is_some_and(|changes| changes.since == self.revision);
-        is_before.then(|| Known::new(self.flight.clone()?, snapshot))?
+    /// What is known to be safe of the flight in the revision that follows; it is given away.
+    pub fn known(&mut self, snapshot: &Snapshot) -> Option<Known> {
+        self.flight.take().filter(|_| self.is_of_revision_before(snapshot)).and_then(|flight| Known::new(flight, snapshot))
+    }
+
+    fn is_of_revision_before(&self, snapshot: &Snapshot) -> bool {
+        snapshot.changes().is_some_and(|changes| changes.since == self.revision)
     }
 
     /// What the rig could reach, if this is the record of the revision that `snapshot` followed from, by the same rig.
     pub fn reach_before(&self, snapshot: &Snapshot, rig: &Rig, range_m: f64) -> Option<&Reach> {
-        let is_before = snapshot.changes().is_some_and(|changes| changes.since == self.revision);
-        (is_before && self.rig == *rig && self.range_m == range_m).then_some(&self.reach)
+        (self.is_of_revision_before(snapshot) && self.rig == *rig && self.range_m == range_m).then_some(&self.reach)
     }
 
     /// The record of another flight in the revision that follows from this one's; anew where that is not known. `None` when abandoned.

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::corner::Corner;
 use super::curve::{Arc, Curve};
-use super::known::Known;
+use super::known::Scope;
 use super::limits::Limits;
 use super::plan::Image;
 use crate::camera::{Pose, Rig, pitch_rad};
@@ -38,23 +38,16 @@ const LEAST_PARTS: usize = 32;
 
 /// How far the arc at each waypoint may pass from it, m: as far as the settings say, less where that arc would not be safe, and not at all
 /// where none is. The legs of the path are safe, so there is always a way to fly it.
-pub fn deviations_m(path: &[Pose], limits: &Limits, free: &FreeSpace, known: Option<&Known>) -> Vec<f64> {
+pub fn deviations_m(path: &[Pose], limits: &Limits, scope: Scope) -> Vec<f64> {
     let widest_m = limits.dynamics.corner_deviation_m;
     let safe_m = |at: &[Pose]| {
         let (before, corner, after) = (&at[0].position, &at[1].position, &at[2].position);
-        let is_safe = |deviation_m: &f64, free: &FreeSpace| {
+        let is_safe = |deviation_m: &f64| {
             let rounded = Corner::new(&(corner - before), &(after - corner), *deviation_m);
+            let free = scope.round_corner([before, corner, after], *deviation_m);
             arc_obstruction(&Arc::new(before, corner, after, &rounded), free).is_none()
         };
-        // An arc that is as wide as it may be cannot have become wider since.
-        let known_m = known.and_then(|known| known.deviation_m(before, corner, after)).filter(|known_m| *known_m == widest_m);
-        if let Some((known_m, known)) = known_m.zip(known)
-            && is_safe(&known_m, known.newcomers())
-        {
-            return known_m;
-        }
-        let narrower = (0..=HALVINGS).map(|halved| widest_m / f64::from(1 << halved));
-        narrower.into_iter().find(|deviation_m| is_safe(deviation_m, free)).unwrap_or(0.0)
+        (0..=HALVINGS).map(|halved| widest_m / f64::from(1 << halved)).find(is_safe).unwrap_or(0.0)
     };
     let mut deviations_m = vec![0.0; path.len()];
     let inner = deviations_m.par_iter_mut().skip(1).zip(path.par_windows(3)).with_min_len(LEAST_PARTS);
@@ -65,33 +58,31 @@ pub fn deviations_m(path: &[Pose], limits: &Limits, free: &FreeSpace, known: Opt
 /// Checks the whole of the curve, its arcs included, and every waypoint; returns the smallest distance of the curve to a structure or to the
 /// ground, m: up to two centimetres too small where that lies on an arc.
 pub fn check(curve: &Curve, free: &FreeSpace) -> Result<f64, UnsafeCurve> {
-    check_behind(curve, 0, free, None)
+    check_behind(curve, 0, Scope::everywhere(free))
 }
 
-/// The same without the first legs, which have rules of their own ([`super::egress`]); the smallest distance is that of the whole curve. What is `known`
-/// changes nothing but the time that this takes.
-pub fn check_behind(curve: &Curve, legs: usize, free: &FreeSpace, known: Option<&Known>) -> Result<f64, UnsafeCurve> {
+/// The same without the first legs, which have rules of their own ([`super::egress`]); the smallest distance is that of the whole curve.
+pub fn check_behind(curve: &Curve, legs: usize, scope: Scope) -> Result<f64, UnsafeCurve> {
     let waypoints = curve.waypoints.par_iter().enumerate().skip(legs).with_min_len(LEAST_PARTS).find_map_first(|(index, p)| {
-        let cause = known.map_or(free, |known| known.at(free, p)).obstruction_at(p)?;
+        let cause = scope.at(p).obstruction_at(p)?;
         Some(UnsafeCurve::Waypoint { index, position: format!("{:.1}, {:.1}, {:.1}", p.x, p.y, p.z), cause })
     });
     let straight_parts = || {
         (legs..curve.legs()).into_par_iter().with_min_len(LEAST_PARTS).find_map_first(|from| {
             let [start, end] = curve.straight(from);
-            let free = known.map_or(free, |known| known.along_straight(free, curve, from));
-            free.obstruction_between(&start, &end).map(|cause| UnsafeCurve::Leg { from, cause })
+            scope.along_straight(curve, from).obstruction_between(&start, &end).map(|cause| UnsafeCurve::Leg { from, cause })
         })
     };
-    let arcs = || {
-        curve.arcs.par_iter().enumerate().skip(legs).with_min_len(LEAST_PARTS).find_map_first(|(index, arc)| {
-            let free = known.map_or(free, |known| known.on_arc(free, arc));
-            arc_obstruction(arc, free).map(|cause| UnsafeCurve::Arc { index, cause })
-        })
-    };
+    let arcs =
+        || {
+            curve.arcs.par_iter().enumerate().skip(legs).with_min_len(LEAST_PARTS).find_map_first(|(index, arc)| {
+                arc_obstruction(arc, scope.on_arc(arc)).map(|cause| UnsafeCurve::Arc { index, cause })
+            })
+        };
     if let Some(unsafe_part) = waypoints.or_else(straight_parts).or_else(arcs) {
         return Err(unsafe_part);
     }
-    Ok(least_distance_m(curve, free))
+    Ok(least_distance_m(curve, scope.free()))
 }
 
 /// Checks that the gimbal can be pitched to every image.
@@ -184,7 +175,7 @@ mod tests {
             let path: Vec<Pose> = corners.iter().map(|&p| Pose { position: p.into(), direction: None }).collect();
             prop_assume!(path.iter().all(|pose| free.is_safe(&pose.position)));
             prop_assume!(path.windows(2).all(|leg| free.is_leg_safe(&leg[0].position, &leg[1].position)));
-            let deviations_m = deviations_m(&path, &limits, &free, None);
+            let deviations_m = deviations_m(&path, &limits, Scope::everywhere(&free));
             let profile = Profile::rounded(&path, &limits, &deviations_m);
             let clearance_m = check(profile.curve(), &free);
             prop_assert!(clearance_m.is_ok(), "{:?}", clearance_m);
@@ -211,7 +202,7 @@ mod tests {
             (free.limits.min, free.limits.max) = ([-500.0, -500.0, 5.0].into(), [500.0; 3].into());
             let at = |x, y| Pose { position: Point3::new(x, y, 50.0), direction: None };
             let path = [at(160.0, 100.0), at(100.0, 100.0), at(100.0, 160.0)];
-            let deviations_m = deviations_m(&path, &limits, &free, None);
+            let deviations_m = deviations_m(&path, &limits, Scope::everywhere(&free));
             assert!(check(Profile::rounded(&path, &limits, &deviations_m).curve(), &free).is_ok(), "{gap_m}");
             if deviations_m[1] < 1.0 {
                 let whole = Profile::rounded(&path, &limits, &[1.0; 3]);

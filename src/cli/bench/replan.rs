@@ -3,7 +3,7 @@
 //! Edits come in threes: a pillar on the flight, so that it is not safe any more; the same pillar away, so that what its neighbourhood shows
 //! changes; and the structure that is farthest from the flight, a little higher or lower.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use nalgebra::{Point3, center};
 use overfly_client::{Client, EditOrder, PlanMessage, PlanOrder, PlanWatch, SceneSource};
@@ -23,9 +23,6 @@ use crate::cli::{daemon, in_process, rig_file, settings_file};
 
 /// Rounds of the refinement, before the first edit and after each: what is measured comes before them.
 const ROUNDS: u32 = 12;
-
-/// How long to wait for a plan.
-const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Half the width of a pillar, and how far it rises above the flight, m.
 const HALF_WIDTH_M: f64 = 1.0;
@@ -149,13 +146,7 @@ fn edit(
     };
     let started = Instant::now();
     let edited = client.edit(scene, &order)?;
-    let first = loop {
-        let plan =
-            watch.next(PATIENCE)?.ok_or_else(|| Failure::Unexpected(format!("no plan came within {PATIENCE:?} of an edit")))?;
-        if plan.table().facts.revision == edited.revision {
-            break plan;
-        }
-    };
+    let first = daemon::first_plan(watch, edited.revision)?;
     measured.first_plan_ms.push(started.elapsed().as_secs_f64() * 1e3);
     let (before, now) = (latest.table().facts.metrics, first.table().facts.metrics);
     measured.kept_percent.push(100.0 * now.coverage_percent / before.coverage_percent.max(1e-9));

@@ -56,6 +56,12 @@ pub const WALL_CASING: &str = "#33373c";
 /// What no admissible view can capture.
 pub const BEYOND_REACH: &str = "#c8442b";
 
+/// A flight on its way: what was flown, what is ahead, what has just changed in the scene, and where nobody may fly.
+pub const FLOWN: &str = "#8d9299";
+pub const AHEAD: &str = "#3b049a";
+pub const NEW: &str = "#f2834c";
+pub const ZONE: &str = BEYOND_REACH;
+
 impl Ramp {
     /// The colour at `share` of the ramp, 0 to 1; values outside are clamped.
     pub fn at(&self, share: f64) -> String {

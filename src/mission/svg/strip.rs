@@ -6,7 +6,7 @@ use overfly_table::FieldTable;
 use svg::Document;
 use svg::node::element::Group;
 
-use super::colour::{self, HEIGHT};
+use super::colour::{self, AHEAD, FLOWN, HEIGHT, NEW, ZONE};
 use super::flight::timed_path;
 use super::pen::{self, Anchor, Place};
 use crate::trajectory::plan::Plan;
@@ -45,11 +45,6 @@ const HEADING: f64 = 96.0;
 const WORDS: f64 = 64.0;
 /// Room around everything that is drawn, share of its width.
 const ROOM: f64 = 0.04;
-
-const FLOWN: &str = "#8d9299";
-const AHEAD: &str = "#3b049a";
-const NEW: &str = "#f2834c";
-const ZONE: &str = "#c8442b";
 
 impl Stretch {
     /// The scene as its field shows it, with the structure called `changed` marked, and a plan in it.

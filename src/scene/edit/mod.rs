@@ -9,8 +9,8 @@ use std::sync::Arc;
 use geo::Polygon;
 use nalgebra::{Point3, Vector3};
 
+use super::bounds::Bounds;
 use super::proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, ZoneSource};
-use super::solid::Bounds;
 use super::zone;
 use crate::settings::ProxySettings;
 

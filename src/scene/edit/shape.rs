@@ -4,11 +4,11 @@ use geo::{Area, Coord, MapCoords, MultiPolygon, Polygon};
 use nalgebra::{Point3, Vector3};
 
 use super::{EditError, LEAST_HEIGHT_M};
+use crate::scene::bounds::Bounds;
 use crate::scene::footprint;
 use crate::scene::meshes;
 use crate::scene::proxy::{Shape, Triangle};
 use crate::scene::report::ItemKind;
-use crate::scene::solid::Bounds;
 use crate::settings::ProxySettings;
 
 /// The shape as a scene holds it, put in order as those of files are; nothing is repaired that would change what is meant.

@@ -31,10 +31,22 @@ pub struct Settings {
     pub daemon: DaemonSettings,
 }
 
-/// How gaps in a scene file are filled.
+/// How a scene file is read and its gaps are filled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProxySettings {
+    /// Reference system of the file's coordinates as an EPSG code, whatever the file says; 0 for what it says itself.
+    pub epsg: u32,
+    /// Which axis of a mesh points up.
+    pub up: UpAxis,
+    /// Metres in a unit of a mesh.
+    pub unit_m: f64,
+    /// Added to the coordinates of a mesh after that, m: x, y, z of a file whose origin was shifted.
+    pub offset_m: [f64; 3],
+    /// The highest level of detail of CityJSON that is read; 0 for the highest that there is.
+    pub lod: f64,
+    /// What is done about a building of whose height nothing is known.
+    pub missing_heights: MissingHeights,
     /// Height of one storey where only `building:levels` is given, m.
     pub storey_height_m: f64,
     /// Height of a building of which nothing is known, m.
@@ -43,6 +55,28 @@ pub struct ProxySettings {
     pub max_height_m: f64,
     /// A building farther from the middle of the scene is a mistake in the file, m.
     pub max_extent_m: f64,
+}
+
+/// Which axis of a mesh points up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum UpAxis {
+    /// What the format prescribes or is usual in it: y in glTF, z in OBJ, PLY and STL.
+    File,
+    Y,
+    Z,
+}
+
+/// What is done about a building of whose height nothing is known, neither metres nor storeys.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MissingHeights {
+    /// It gets the median height of the buildings near it whose height is known, or the constant where there are none.
+    Neighbours,
+    /// It gets `proxy.default_height_m`.
+    Constant,
+    /// It is left out: nothing is captured of it, and nothing keeps a flight away from it.
+    Drop,
 }
 
 /// Sampling of the surface (paper, section 4.1).

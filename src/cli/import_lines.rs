@@ -67,7 +67,7 @@ fn named(report: &ImportReport, wanted: Meaning, remark: &str) -> Option<String>
 fn meaning(kind: ItemKind) -> Meaning {
     match kind {
         ItemKind::HeightGuessed | ItemKind::HeightDisagreement => Meaning::Guessed,
-        ItemKind::NoGeometry | ItemKind::Outlier | ItemKind::PartsDropped => Meaning::Dropped,
+        ItemKind::NoGeometry | ItemKind::Outlier | ItemKind::PartsDropped | ItemKind::HeightMissing => Meaning::Dropped,
         _ => Meaning::Repaired,
     }
 }

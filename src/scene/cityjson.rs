@@ -1,4 +1,5 @@
-//! CityJSON 1.0, 1.1 and 2.0: buildings, bridges and other constructions at their highest level of detail.
+//! CityJSON 1.0, 1.1 and 2.0, and sequences of CityJSON features: buildings, bridges and other constructions at their highest level of
+//! detail, or the highest that is wanted.
 //!
 //! A Building with its parts and installations is one structure, named by the Building. Only the outer shell of a solid is taken.
 //! Walls that the file leaves out between terraced houses are filled in, so that a house has an inside. The ground plane is the
@@ -14,7 +15,7 @@ use serde_json::Value;
 
 use super::anchor::Anchor;
 use super::close;
-use super::crs::{self, Placement, Unplaced};
+use super::crs;
 use super::faces;
 use super::json::{Intake, Into, Scalar};
 use super::meshes::{self, RawMesh};
@@ -42,7 +43,7 @@ const TAKEN: [&str; 10] = [
 /// Longer chains of parents are no building and its parts.
 const MOST_GENERATIONS: usize = 16;
 
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 struct CityModel {
     #[serde(default)]
     version: Scalar,
@@ -98,6 +99,18 @@ enum Lists {
     Nested(Vec<Lists>),
 }
 
+impl CityModel {
+    /// Takes over a feature of the same sequence. Two of one key are one object, the later one's.
+    fn append(&mut self, feature: Self) {
+        let first = self.vertices.len() as u32;
+        self.vertices.extend(feature.vertices);
+        for (key, mut object) in feature.objects {
+            object.geometry.0.iter_mut().for_each(|geometry| geometry.boundaries.root.renumber(first));
+            self.objects.insert(key, object);
+        }
+    }
+}
+
 impl Default for Lists {
     fn default() -> Self {
         Self::Nested(Vec::new())
@@ -105,6 +118,14 @@ impl Default for Lists {
 }
 
 impl Lists {
+    /// Counts the vertices from `first` on. What lies beyond all numbers stays beyond all vertices.
+    fn renumber(&mut self, first: u32) {
+        match self {
+            Self::Ring(ring) => ring.iter_mut().for_each(|index| *index = index.saturating_add(first)),
+            Self::Nested(parts) => parts.iter_mut().for_each(|part| part.renumber(first)),
+        }
+    }
+
     fn parts(&self) -> &[Lists] {
         match self {
             Self::Ring(_) => &[],
@@ -212,19 +233,45 @@ pub(crate) fn read(
     anchor: Option<&Anchor>,
 ) -> Result<(Scene, ImportReport), ImportError> {
     let model: CityModel = serde_json::from_slice(bytes).map_err(|source| ImportError::Json { file: file.into(), source })?;
-    let mut report = ImportReport::new(Format::CityJson);
-    note_version(&model, &mut report);
-    let vertices = vertices(&model);
+    scene_of(file, &model, Format::CityJson, settings, anchor)
+}
+
+/// A CityJSON sequence: a line with the transform and the reference system, then a line for each feature, with vertices of its own.
+pub(crate) fn read_sequence(
+    file: &str,
+    bytes: &[u8],
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<(Scene, ImportReport), ImportError> {
+    let damaged = |source| ImportError::Json { file: file.into(), source };
+    let mut lines = serde_json::Deserializer::from_slice(bytes).into_iter::<CityModel>();
+    let mut whole = lines.next().transpose().map_err(damaged)?.unwrap_or_default();
+    for feature in lines {
+        whole.append(feature.map_err(damaged)?);
+    }
+    scene_of(file, &whole, Format::CityJsonSeq, settings, anchor)
+}
+
+fn scene_of(
+    file: &str,
+    model: &CityModel,
+    format: Format,
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<(Scene, ImportReport), ImportError> {
+    let mut report = ImportReport::new(format);
+    note_version(model, &mut report);
+    let vertices = vertices(model);
     let mut meshes = Vec::new();
-    for (root, members) in families(&model, &mut report) {
-        meshes.push(mesh(file, root, &members, &vertices, &mut report)?);
+    for (root, members) in families(model, &mut report) {
+        meshes.push(mesh(file, root, &members, &vertices, settings.lod, &mut report)?);
     }
     let objects = model.objects.len();
     if !meshes.is_empty() && !vertices.iter().any(|vertex| vertex.iter().all(|metres| metres.is_finite())) {
         return Err(ImportError::Coordinates { file: file.into(), what: "no vertex is finite".into() });
     }
     meshes::drop_strays(&mut meshes, settings.max_extent_m, &mut report);
-    let frame = to_local(file, &model, &mut meshes, anchor, &mut report)?;
+    let frame = to_local(file, model, &mut meshes, settings, anchor, &mut report)?;
     for mesh in &mut meshes {
         let walls = close::close_walls(&mut mesh.triangles);
         if walls > 0 {
@@ -291,10 +338,11 @@ fn mesh(
     root: &str,
     members: &[(&str, &CityObject)],
     vertices: &[Point3<f64>],
+    most_detail: f64,
     report: &mut ImportReport,
 ) -> Result<RawMesh, ImportError> {
     let mut mesh = RawMesh { name: tidy(root), place: Place::Object(tidy(root)), triangles: Vec::new(), degenerate: 0 };
-    let detail = |object: &CityObject| object.geometry.0.iter().map(|geometry| geometry.level).fold(0.0, f64::max);
+    let detail = |object: &CityObject| detail(object, most_detail);
     let parts_detail = members.iter().filter(|(key, _)| *key != root).map(|(_, object)| detail(object)).fold(0.0, f64::max);
     for (key, object) in members {
         let own = detail(object);
@@ -302,7 +350,7 @@ fn mesh(
         if *key == root && own < parts_detail {
             continue;
         }
-        for geometry in object.geometry.0.iter().filter(|geometry| own >= 1.0 && geometry.level == own) {
+        for geometry in object.geometry.0.iter().filter(|geometry| own > 0.0 && geometry.level == own) {
             if let Some(bad) = &geometry.boundaries.bad {
                 return Err(no_vertex(file, key, bad, vertices));
             }
@@ -317,6 +365,13 @@ fn mesh(
         }
     }
     Ok(mesh)
+}
+
+/// The level of detail at which an object is read: the highest that is wanted (0: that there is), else the lowest with a volume; 0 where there is none.
+fn detail(object: &CityObject, most: f64) -> f64 {
+    let levels = || object.geometry.0.iter().map(|geometry| geometry.level).filter(|level| *level >= 1.0);
+    let wanted = levels().filter(|level| most == 0.0 || *level <= most).fold(0.0, f64::max);
+    if wanted > 0.0 { wanted } else { levels().reduce(f64::min).unwrap_or(0.0) }
 }
 
 /// The level of detail as a number: 2, "2" and "2.2" occur.
@@ -373,11 +428,13 @@ fn to_local(
     file: &str,
     model: &CityModel,
     meshes: &mut [RawMesh],
+    settings: &ProxySettings,
     anchor: Option<&Anchor>,
     report: &mut ImportReport,
 ) -> Result<LocalFrame, ImportError> {
     let Some(bounds) = meshes::bounds(meshes) else { return Ok(LocalFrame::default()) };
-    report.epsg = crs::epsg_code(&model.metadata.reference_system.0);
+    let named = crs::epsg_code(&model.metadata.reference_system.0);
+    report.epsg = if settings.epsg == 0 { named } else { Some(settings.epsg) };
     let origin = match anchor {
         Some(anchor) => Point3::from(anchor.grid(file, report.epsg)?),
         None => {
@@ -385,38 +442,7 @@ fn to_local(
             Point3::new(middle.x, middle.y, meshes::ground(meshes))
         }
     };
-    report.anchor = Some(Anchor::Grid { epsg: report.epsg, origin: origin.into() });
-    let placement = match report.epsg.map(|epsg| (epsg, crs::place(epsg, origin))) {
-        Some((_, Ok(placement))) => Some(placement),
-        Some((epsg, Err(Unplaced::Geographic))) => return Err(ImportError::Geographic { file: file.into(), epsg }),
-        Some((epsg, Err(Unplaced::Unknown))) => {
-            report.notes.push(format!("EPSG:{epsg} cannot be projected to WGS84: the scene has no place on Earth"));
-            None
-        }
-        None => {
-            report.notes.push("the file names no EPSG code: the scene has no place on Earth".into());
-            None
-        }
-    };
-    if let Some(placement) = &placement {
-        report.notes.push(note_of(placement));
-    }
-    for corner in meshes.iter_mut().flat_map(|mesh| mesh.triangles.iter_mut().flatten()) {
-        let offset = *corner - origin;
-        let ([x, y], z) = match &placement {
-            Some(placement) => (placement.turned([offset.x, offset.y]), offset.z * placement.height_unit_m),
-            None => ([offset.x, offset.y], offset.z),
-        };
-        *corner = Point3::new(x, y, z);
-    }
-    Ok(LocalFrame { origin: placement.map(|placement| placement.origin) })
-}
-
-fn note_of(placement: &Placement) -> String {
-    format!(
-        "grid turned by {:.3} degrees to true north and scaled by {:.5}; ground at {:.2} m in the file",
-        placement.angle_deg, placement.unit_m, placement.origin.alt_m
-    )
+    meshes::to_frame(file, meshes, report.epsg, origin, settings, report)
 }
 
 #[cfg(test)]
@@ -507,6 +533,62 @@ mod tests {
         absurd["transform"]["scale"] = json!([1e308, 1e308, 1e308]);
         absurd["transform"]["translate"] = json!([1e308, 1e308, 1e308]);
         assert!(read_value(&absurd).is_err());
+    }
+
+    /// The town as a sequence: each feature has the vertices that it uses, numbered from 0.
+    fn sequence() -> String {
+        let town = town();
+        let vertices = town["vertices"].as_array().unwrap();
+        let head = json!({ "type": "CityJSON", "version": "2.0", "transform": town["transform"], "metadata": town["metadata"],
+            "CityObjects": {}, "vertices": [] });
+        let feature = |id: &str, keys: &[&str], used: &[Value]| {
+            let mut objects: Value = keys.iter().map(|key| ((*key).to_owned(), town["CityObjects"][key].clone())).collect();
+            if id == "hall" {
+                objects["hall"]["geometry"][0]["boundaries"] = json!([[shell(0)]]);
+            }
+            json!({ "type": "CityJSONFeature", "id": id, "CityObjects": objects, "vertices": used })
+        };
+        let lines =
+            [head, feature("hall", &["hall"], &vertices[8..16]), feature("house", &["house", "house-0", "road"], vertices)];
+        lines.iter().map(|line| format!("{line}\n")).collect()
+    }
+
+    #[test]
+    fn a_sequence_says_what_the_whole_file_says() {
+        let read_text = |text: &str| super::super::read("town.city.jsonl", text.as_bytes(), &Settings::default().proxy);
+        let (scene, report) = read_text(&sequence()).unwrap();
+        let (whole, _) = read_value(&town()).unwrap();
+        assert_eq!((report.format, &scene.structures, &scene.frame), (Format::CityJsonSeq, &whole.structures, &whole.frame));
+        assert_eq!(scene.name, "town");
+        let cut = sequence();
+        let error = read_text(&cut[..cut.len() - 10]).unwrap_err();
+        assert!(matches!(error, ImportError::Json { .. }), "{error}");
+        let headless = cut.split_once('\n').unwrap().1;
+        assert!(matches!(read_text(headless), Err(ImportError::UnknownFormat { .. })));
+    }
+
+    #[test]
+    fn a_level_of_detail_can_be_chosen() {
+        let tops = |lod: f64| {
+            let proxy = ProxySettings { lod, ..Settings::default().proxy };
+            let (scene, _) = read("town.city.json", town().to_string().as_bytes(), &proxy, None).unwrap();
+            ["hall", "house"].map(|name| scene.structure(scene.find(name).unwrap()).unwrap().bounds().max.z)
+        };
+        assert_eq!(tops(0.0), [20.0, 12.0]);
+        assert_eq!(tops(2.2), [20.0, 12.0]);
+        // The hall has nothing coarser.
+        assert_eq!(tops(1.3), [20.0, 100.0]);
+    }
+
+    #[test]
+    fn a_reference_system_can_be_given() {
+        let mut town = town();
+        town["metadata"] = json!({});
+        let mut proxy = ProxySettings { epsg: 7415, ..Settings::default().proxy };
+        let read_with = |proxy: &ProxySettings| read("town.city.json", town.to_string().as_bytes(), proxy, None);
+        assert!(read_with(&proxy).unwrap().0.frame.origin.is_some());
+        proxy.epsg = 99_999;
+        assert!(matches!(read_with(&proxy), Err(ImportError::UnknownGrid { epsg: 99_999, .. })));
     }
 
     #[test]

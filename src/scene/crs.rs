@@ -62,24 +62,48 @@ pub(crate) fn epsg_code(reference: &Value) -> Option<u32> {
     last.parse().ok()
 }
 
-/// The placement of a grid around `at` (grid units, the height in the grid's vertical unit).
-pub(crate) fn place(epsg: u32, at: Point3<f64>) -> Result<Placement, Unplaced> {
-    let horizontal = COMPOUND.iter().find(|(compound, _)| *compound == epsg).map_or(epsg, |(_, horizontal)| *horizontal);
-    let code = u16::try_from(horizontal).map_err(|_| Unplaced::Unknown)?;
-    let definition = crs_definitions::from_code(code).ok_or(Unplaced::Unknown)?;
-    let grid = Proj::from_proj_string(definition.proj4).map_err(|_| Unplaced::Unknown)?;
-    if grid.is_latlong() || grid.is_geocent() {
-        return Err(Unplaced::Geographic);
+/// A projected reference system.
+pub(crate) struct Grid {
+    grid: Proj,
+    wgs84: Proj,
+}
+
+impl Grid {
+    /// The one of an EPSG code.
+    pub fn new(epsg: u32) -> Result<Self, Unplaced> {
+        let horizontal = COMPOUND.iter().find(|(compound, _)| *compound == epsg).map_or(epsg, |(_, horizontal)| *horizontal);
+        let code = u16::try_from(horizontal).map_err(|_| Unplaced::Unknown)?;
+        let definition = crs_definitions::from_code(code).ok_or(Unplaced::Unknown)?;
+        let grid = Proj::from_proj_string(definition.proj4).map_err(|_| Unplaced::Unknown)?;
+        if grid.is_latlong() || grid.is_geocent() {
+            return Err(Unplaced::Geographic);
+        }
+        let wgs84 = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs").map_err(|_| Unplaced::Unknown)?;
+        Ok(Self { grid, wgs84 })
     }
-    let wgs84 = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs").map_err(|_| Unplaced::Unknown)?;
-    // Heights stay as they are: the datum's shift of the ellipsoid is not a shift of the ground.
-    let geodetic = |x: f64, y: f64| {
+
+    /// Where a point of the grid lies, at height 0; `None` for one that lies nowhere. Heights stay as they are: the datum's shift of the ellipsoid
+    /// is not a shift of the ground. Rounded to a hundredth of a millimetre, because the projection's trigonometry may differ in the last bit
+    /// between platforms.
+    pub fn geodetic(&self, x: f64, y: f64) -> Option<Geodetic> {
+        let exact = self.exact(x, y).ok()?;
+        let rounded = |degrees: f64| (degrees * 1e10).round() / 1e10;
+        Some(Geodetic { lat_deg: rounded(exact.lat_deg), lon_deg: rounded(exact.lon_deg), alt_m: 0.0 })
+    }
+
+    fn exact(&self, x: f64, y: f64) -> Result<Geodetic, Unplaced> {
         let mut point = (x, y, 0.0);
-        transform(&grid, &wgs84, &mut point).map_err(|_| Unplaced::Unknown)?;
+        transform(&self.grid, &self.wgs84, &mut point).map_err(|_| Unplaced::Unknown)?;
         let place = Geodetic { lat_deg: point.1.to_degrees(), lon_deg: point.0.to_degrees(), alt_m: 0.0 };
         let sound = place.lat_deg.abs() <= 90.0 && place.lon_deg.abs() <= 180.0;
         if sound { Ok(place) } else { Err(Unplaced::Unknown) }
-    };
+    }
+}
+
+/// The placement of a grid around `at` (grid units, the height in the grid's vertical unit).
+pub(crate) fn place(epsg: u32, at: Point3<f64>) -> Result<Placement, Unplaced> {
+    let grid = Grid::new(epsg)?;
+    let geodetic = |x: f64, y: f64| grid.exact(x, y);
     let origin = geodetic(at.x, at.y)?;
     let frame = LocalFrame { origin: Some(origin) };
     let step = 100.0;
@@ -89,7 +113,7 @@ pub(crate) fn place(epsg: u32, at: Point3<f64>) -> Result<Placement, Unplaced> {
     };
     let (east, north) = (local(at.x + step, at.y)?, local(at.x, at.y + step)?);
     let mean = Vector2::new(east.x + north.y, east.y - north.x) / 2.0;
-    let height_unit_m = grid.to_meter();
+    let height_unit_m = grid.grid.to_meter();
     // Far outside of the projection's area its numbers mean nothing.
     if !(0.5..2.0).contains(&(mean.norm() / height_unit_m)) {
         return Err(Unplaced::Unknown);

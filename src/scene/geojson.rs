@@ -4,30 +4,23 @@
 //! `min_height` (the ground when missing) to `height` (no ceiling when missing). A foreign member `overfly_origin` of the
 //! collection fixes the origin of the local frame; otherwise it is the middle of the box around the structures.
 
-use std::borrow::Cow;
-use std::collections::HashMap;
-
-use geo::{Coord, MultiPolygon};
-use nalgebra::Point3;
 use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess};
 use serde_json::{Map, Value};
 
 use super::anchor::Anchor;
-use super::footprint::{self, RawPolygon, Repair};
+use super::crs;
+use super::features::{self, Collection, Feature};
 use super::geometry::{Draft, Parts};
-use super::heights;
 use super::json::{Intake, Into, Scalar};
-use super::locate::{self, Location, Nowhere};
-use super::names::{self, Names};
-use super::proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, ZoneSource};
-use super::read::{ImportError, assemble};
+use super::names;
+use super::proxy::Scene;
+use super::read::ImportError;
 use super::report::{Format, ImportReport, ItemKind, Place};
-use super::zone;
-use crate::frame::{Geodetic, LocalFrame};
+use crate::frame::Geodetic;
 use crate::settings::ProxySettings;
 
 /// Files of more features are refused.
-const MOST_FEATURES: usize = 250_000;
+pub(crate) const MOST_FEATURES: usize = 250_000;
 
 pub(crate) fn read(
     file: &str,
@@ -36,26 +29,11 @@ pub(crate) fn read(
     anchor: Option<&Anchor>,
 ) -> Result<(Scene, ImportReport), ImportError> {
     let root = parse(bytes).map_err(|source| ImportError::Json { file: file.into(), source })?;
-    let features = features(file, &root)?;
-    // A zone says nothing about where the scene is.
-    let places: Vec<&[RawPolygon]> =
-        features.iter().map(|feature| if feature.zone { &[] } else { feature.polygons.as_slice() }).collect();
-    let locations = locate::locate(&places, settings.max_extent_m).map_err(|nowhere| refuse(file, &root, nowhere))?;
-    let mut report = ImportReport::new(Format::GeoJson);
-    let frame = match anchor {
-        Some(anchor) => LocalFrame { origin: Some(anchor.degrees(file)?) },
-        None => frame(&root, features, &locations, settings, &mut report),
-    };
-    report.anchor = frame.origin.map(Anchor::Degrees);
-    let mut builder = Builder::new(frame, settings, report);
-    for (feature, location) in features.iter().zip(&locations) {
-        if feature.zone {
-            builder.add_zone(file, feature)?;
-        } else {
-            builder.add(feature, *location);
-        }
-    }
-    builder.finish(file, features.len())
+    check(file, &root)?;
+    let Root { features, origin, crs_name, .. } = root;
+    let crs = crs_name.map(|name| (crs::epsg_code(&Value::from(name.as_str())), name));
+    let collection = Collection { format: Format::GeoJson, features, origin: origin.place(), crs };
+    features::scene_of(file, collection, settings, anchor)
 }
 
 /// What is asked of a file.
@@ -70,21 +48,6 @@ struct Root {
     origin: Origin,
     /// The first value of the property `overfly` that is not known, and the feature that has it.
     unknown_mark: Option<(usize, String, String)>,
-}
-
-/// A feature as it stands in the file, coordinates in degrees.
-struct Feature {
-    index: usize,
-    name: String,
-    /// Whether it is a no-fly zone.
-    zone: bool,
-    /// The properties that matter here.
-    properties: Map<String, Value>,
-    polygons: Vec<RawPolygon>,
-    /// What was wrong with the geometry so far.
-    repairs: Vec<Repair>,
-    /// Why there are no polygons.
-    missing: Cow<'static, str>,
 }
 
 fn parse(bytes: &[u8]) -> Result<Root, serde_json::Error> {
@@ -187,7 +150,7 @@ struct Properties<'a>(&'a mut Map<String, Value>);
 
 impl Intake for Properties<'_> {
     fn member<'de, A: MapAccess<'de>>(&mut self, key: &str, members: &mut A) -> Result<(), A::Error> {
-        if key == MARK || heights::is_key(key) || names::is_key(key) {
+        if key == MARK || features::is_key(key) || names::is_key(key) {
             self.0.insert(key.to_owned(), members.next_value::<Scalar>()?.0);
         } else {
             members.next_value::<IgnoredAny>()?;
@@ -247,7 +210,7 @@ impl Root {
             self.unknown_mark = Some((index, name.clone(), names::tidy(&mark.to_string())));
         }
         let mut feature = Feature {
-            index,
+            place: Place::Feature(index),
             name,
             zone,
             properties,
@@ -262,7 +225,8 @@ impl Root {
     }
 }
 
-fn features<'a>(file: &str, root: &'a Root) -> Result<&'a [Feature], ImportError> {
+/// Whether a file is a collection of features that can be read as they are meant.
+fn check(file: &str, root: &Root) -> Result<(), ImportError> {
     let file = file.to_owned();
     let remedy = "give a GeoJSON FeatureCollection, a CityJSON file or an OBJ file";
     match (root.kind.as_deref(), root.listed) {
@@ -282,7 +246,7 @@ fn features<'a>(file: &str, root: &'a Root) -> Result<&'a [Feature], ImportError
     }
     match root.unknown_mark.clone() {
         Some((index, name, value)) => Err(ImportError::UnknownMark { file, index, name, value }),
-        None => Ok(&root.features),
+        None => Ok(()),
     }
 }
 
@@ -314,201 +278,13 @@ fn collect(parts: Parts, feature: &mut Feature) {
     feature.polygons = polygons;
 }
 
-fn refuse(file: &str, root: &Root, nowhere: Nowhere) -> ImportError {
-    let file = file.to_owned();
-    match nowhere {
-        Nowhere::Swapped(example) => ImportError::SwappedCoordinates { file, example },
-        Nowhere::Projected(example) => {
-            let declared = root.crs_name.as_ref().map_or(String::new(), |crs| format!(", declared as {crs}"));
-            ImportError::Projected { file, example, declared }
-        }
-    }
-}
-
-fn frame(
-    root: &Root,
-    features: &[Feature],
-    locations: &[Location],
-    settings: &ProxySettings,
-    report: &mut ImportReport,
-) -> LocalFrame {
-    let kept = features.iter().zip(locations).filter(|(feature, location)| **location == Location::Kept && !feature.zone);
-    let corners: Vec<Coord<f64>> = kept.flat_map(|(feature, _)| feature.polygons.iter().flatten().flatten().copied()).collect();
-    let middle = locate::centre(&corners);
-    let (Some(given), Some(middle)) = (root.origin.place(), middle) else { return LocalFrame { origin: middle } };
-    let [a, b] = [given, middle].map(|place| Coord { x: place.lon_deg, y: place.lat_deg });
-    let sound = given.lat_deg.abs() <= 90.0 && given.lon_deg.abs() <= 180.0 && given.alt_m.abs() <= 10_000.0;
-    if sound && locate::rough_distance_m(a, b) <= settings.max_extent_m {
-        return LocalFrame { origin: Some(given) };
-    }
-    report.notes.push("overfly_origin lies far from the structures: ignored".into());
-    LocalFrame { origin: Some(middle) }
-}
-
-/// The scene in the making.
-struct Builder<'a> {
-    frame: LocalFrame,
-    settings: &'a ProxySettings,
-    report: ImportReport,
-    structures: Vec<Structure>,
-    zones: Vec<NoFlyZone>,
-    names: Names,
-    zone_names: Names,
-    /// Names of the structures by their geometry in millimetres.
-    seen: HashMap<Vec<i64>, String>,
-    heights_known: usize,
-    first_problem: String,
-}
-
-impl<'a> Builder<'a> {
-    fn new(frame: LocalFrame, settings: &'a ProxySettings, report: ImportReport) -> Self {
-        Self {
-            frame,
-            settings,
-            report,
-            structures: Vec::new(),
-            zones: Vec::new(),
-            names: Names::default(),
-            zone_names: Names::default(),
-            seen: HashMap::new(),
-            heights_known: 0,
-            first_problem: String::new(),
-        }
-    }
-
-    fn add(&mut self, feature: &Feature, location: Location) {
-        let mut repairs = feature.repairs.clone();
-        let fate = self.build(feature, location, &mut repairs);
-        let name = match &fate {
-            Ok(name) => name.clone(),
-            Err((kind, reason)) => {
-                if self.first_problem.is_empty() {
-                    self.first_problem = format!(" (the first, {}: {reason})", feature.name);
-                }
-                repairs = vec![(*kind, format!("{reason}: left out"))];
-                feature.name.clone()
-            }
-        };
-        for (kind, done) in repairs {
-            self.report.add(&name, Place::Feature(feature.index), kind, done);
-        }
-    }
-
-    /// Adds the structure and returns its name, or says why it is left out.
-    fn build(&mut self, feature: &Feature, location: Location, repairs: &mut Vec<Repair>) -> Result<String, (ItemKind, String)> {
-        match location {
-            Location::Kept => {}
-            Location::Swapped => {
-                repairs.push((ItemKind::SwappedCoordinates, "latitude and longitude were exchanged: swapped back".into()))
-            }
-            Location::Outlier { distance_km } => {
-                return Err((ItemKind::Outlier, format!("{distance_km:.0} km from the middle of the scene")));
-            }
-            Location::OffEarth => return Err((ItemKind::Outlier, "its coordinates are no longitude and latitude".into())),
-        }
-        let polygons = self.project(feature, location == Location::Swapped);
-        let footprint = footprint::repair(&polygons, repairs).map_err(|reason| {
-            let nothing = feature.polygons.iter().all(Vec::is_empty);
-            (ItemKind::NoGeometry, if nothing { feature.missing.to_string() } else { reason })
-        })?;
-        self.add_structure(feature, footprint, repairs)
-    }
-
-    fn project(&self, feature: &Feature, swapped: bool) -> Vec<RawPolygon> {
-        let local = |corner: &Coord<f64>| {
-            let (lon_deg, lat_deg) = if swapped { (corner.y, corner.x) } else { (corner.x, corner.y) };
-            let place = Geodetic { lat_deg, lon_deg, alt_m: 0.0 };
-            let point = self.frame.local_from_geodetic(&place).unwrap_or(Point3::origin());
-            Coord { x: point.x, y: point.y }
-        };
-        let project_ring = |ring: &Vec<Coord<f64>>| ring.iter().map(local).collect();
-        feature.polygons.iter().map(|rings| rings.iter().map(project_ring).collect()).collect()
-    }
-
-    fn add_structure(
-        &mut self,
-        feature: &Feature,
-        footprint: MultiPolygon<f64>,
-        repairs: &mut Vec<Repair>,
-    ) -> Result<String, (ItemKind, String)> {
-        let extent = heights::heights(&feature.properties, self.settings, repairs);
-        let key = geometry_key(&footprint, extent.base_m, extent.top_m);
-        if let Some(first) = self.seen.get(&key) {
-            return Err((ItemKind::DuplicateDropped, format!("the same footprint and height as {first}")));
-        }
-        let name = self.names.unique(&feature.name);
-        if name != feature.name {
-            repairs.push((ItemKind::Renamed, format!("another structure is called {}: renamed to {name}", feature.name)));
-        }
-        self.heights_known += usize::from(extent.known);
-        self.seen.insert(key, name.clone());
-        let shape = Shape::Prism { footprint, base_m: extent.base_m, top_m: extent.top_m };
-        self.structures.push(Structure { id: StructureId::of_name(&name), name: name.clone(), shape });
-        Ok(name)
-    }
-
-    /// Adds a zone. One that cannot be barred as it is given stops the import: a flight through it must not be planned.
-    fn add_zone(&mut self, file: &str, feature: &Feature) -> Result<(), ImportError> {
-        // Without a structure there is no scene, which `finish` says.
-        let Some(origin) = self.frame.origin else { return Ok(()) };
-        let refuse = |(problem, remedy): (String, &'static str)| ImportError::Zone {
-            file: file.into(),
-            index: feature.index,
-            name: feature.name.clone(),
-            problem,
-            remedy,
-        };
-        let mut repairs = feature.repairs.clone();
-        if let Some((_, problem)) = repairs.iter().find(|(kind, _)| *kind == ItemKind::PartsDropped) {
-            return Err(refuse((problem.clone(), zone::ONLY_POLYGONS)));
-        }
-        if feature.polygons.iter().all(Vec::is_empty) {
-            return Err(refuse((feature.missing.to_string(), zone::ONLY_POLYGONS)));
-        }
-        let (floor_m, ceiling_m) = heights::zone_heights(&feature.properties, &mut repairs).map_err(refuse)?;
-        let outline = zone::outline(&feature.polygons, origin, self.settings.max_extent_m, &mut repairs).map_err(refuse)?;
-        let name = self.zone_names.unique(&feature.name);
-        if name != feature.name {
-            repairs.push((ItemKind::Renamed, format!("another zone is called {}: renamed to {name}", feature.name)));
-        }
-        for (kind, done) in repairs {
-            self.report.add(&name, Place::Feature(feature.index), kind, done);
-        }
-        self.zones.push(NoFlyZone { name, outline, floor_m, ceiling_m, source: ZoneSource::File });
-        Ok(())
-    }
-
-    fn finish(self, file: &str, objects: usize) -> Result<(Scene, ImportReport), ImportError> {
-        if self.structures.is_empty() {
-            return Err(ImportError::NoStructures { file: file.into(), objects, first: self.first_problem });
-        }
-        if self.heights_known == 0 {
-            return Err(ImportError::NoHeights { file: file.into(), structures: self.structures.len() });
-        }
-        Ok(assemble(file, self.frame, self.structures, self.zones, self.report))
-    }
-}
-
-/// Corners and heights in whole millimetres: equal for features that say the same.
-fn geometry_key(footprint: &MultiPolygon<f64>, base_m: f64, top_m: f64) -> Vec<i64> {
-    let mm = |metres: f64| (metres * 1000.0).round() as i64;
-    let mut key = vec![mm(base_m), mm(top_m)];
-    for polygon in footprint {
-        for ring in std::iter::once(polygon.exterior()).chain(polygon.interiors()) {
-            key.push(ring.0.len() as i64);
-            key.extend(ring.0.iter().flat_map(|corner| [mm(corner.x), mm(corner.y)]));
-        }
-    }
-    key
-}
-
 #[cfg(test)]
 mod tests {
     use geo::Contains;
     use serde_json::json;
 
     use super::*;
-    use crate::settings::Settings;
+    use crate::settings::{MissingHeights, Settings};
 
     fn read_value(value: &Value) -> Result<(Scene, ImportReport), ImportError> {
         read("town.geojson", value.to_string().as_bytes(), &Settings::default().proxy, None)
@@ -657,7 +433,7 @@ mod tests {
         let swapped = json!({ "type": "Feature", "properties": { "height": 9 }, "geometry": { "type": "Polygon", "coordinates": square(35.68, 139.77) } });
         let projected = json!({ "type": "Feature", "properties": { "height": 9 }, "geometry": { "type": "Polygon", "coordinates": square(90_759.0, 435_665.0) } });
         let mut declared = town(vec![projected.clone()]);
-        declared["crs"] = json!({ "type": "name", "properties": { "name": "urn:ogc:def:crs:EPSG::28992" } });
+        declared["crs"] = json!({ "type": "name", "properties": { "name": "urn:ogc:def:crs:EPSG::99999" } });
         type Check = fn(&ImportError) -> bool;
         let cases: [(Value, Check); 8] = [
             (town(vec![]), |error| matches!(error, ImportError::NoStructures { .. })),
@@ -670,13 +446,88 @@ mod tests {
             }),
             (town(vec![swapped]), |error| matches!(error, ImportError::SwappedCoordinates { .. })),
             (town(vec![projected]), |error| matches!(error, ImportError::Projected { .. })),
-            (declared, |error| error.to_string().contains("28992")),
+            (declared, |error| error.to_string().contains("99999")),
             (json!({ "type": "FeatureCollection" }), |error| matches!(error, ImportError::Structure { .. })),
         ];
         for (value, check) in cases {
             let error = read_value(&value).expect_err(&value.to_string());
             assert!(check(&error) && error.to_string().starts_with("town.geojson: "), "{error}");
         }
+    }
+
+    /// Buildings along a street, 20 m high but for the one whose properties are given.
+    fn street(odd: Value) -> Value {
+        town(
+            (0..5)
+                .map(|i| {
+                    building(4.0 + 3e-4 * f64::from(i), 52.0, if i == 2 { odd.clone() } else { json!({ "height": 18 + i }) })
+                })
+                .collect(),
+        )
+    }
+
+    #[test]
+    fn missing_heights_are_filled_as_it_is_wanted() {
+        let tallest = |policy: MissingHeights, default_height_m: f64| {
+            let proxy = ProxySettings { missing_heights: policy, default_height_m, ..Settings::default().proxy };
+            let (scene, report) =
+                read("town.geojson", street(json!({ "id": "odd" })).to_string().as_bytes(), &proxy, None).unwrap();
+            let odd = scene.find("odd").map(|id| scene.structure(id).unwrap().bounds().max.z);
+            (odd, report.count(ItemKind::HeightGuessed), report.count(ItemKind::HeightMissing))
+        };
+        assert_eq!(tallest(MissingHeights::Neighbours, 10.0), (Some(19.0), 1, 0), "the lower median of 18, 19, 21 and 22");
+        assert_eq!(tallest(MissingHeights::Constant, 12.0), (Some(12.0), 1, 0));
+        assert_eq!(tallest(MissingHeights::Drop, 10.0), (None, 0, 1));
+        let bare = town(vec![building(4.0, 52.0, json!({}))]).to_string();
+        let proxy = |missing_heights| ProxySettings { missing_heights, ..Settings::default().proxy };
+        let read_bare = |policy| read("town.geojson", bare.as_bytes(), &proxy(policy), None);
+        assert!(matches!(read_bare(MissingHeights::Neighbours), Err(ImportError::NoHeights { .. })));
+        assert!(matches!(read_bare(MissingHeights::Drop), Err(ImportError::NoStructures { .. })));
+        assert_eq!(read_bare(MissingHeights::Constant).unwrap().1.tallest_m, 10.0);
+    }
+
+    #[test]
+    fn parts_stand_in_the_place_of_their_outline() {
+        let d = 1e-4;
+        let part = |west: f64, east: f64, height: i32| {
+            let ring = json!([[west, 52.0], [east, 52.0], [east, 52.0 + d], [west, 52.0 + d], [west, 52.0]]);
+            json!({ "type": "Feature", "properties": { "building:part": "yes", "height": height },
+                "geometry": { "type": "Polygon", "coordinates": [ring] } })
+        };
+        let outline = building(4.0, 52.0, json!({ "id": "outline", "height": 90, "building": "yes" }));
+        let whole = town(vec![outline.clone(), part(4.0, 4.0 + 0.5 * d, 30), part(4.0 + 0.5 * d, 4.0 + d, 90)]);
+        let (scene, report) = read_value(&whole).unwrap();
+        assert_eq!((scene.find("outline"), scene.structures.len(), report.count(ItemKind::OutlineReplaced)), (None, 2, 1));
+        // What the parts leave open still stands, and so do its neighbours.
+        let half = town(vec![outline, part(4.0, 4.0 + 0.5 * d, 30), part(4.0 + d, 4.0 + 2.0 * d, 20)]);
+        assert_eq!(read_value(&half).unwrap().0.structures.len(), 3);
+    }
+
+    #[test]
+    fn projected_coordinates_are_brought_to_degrees() {
+        let corner = |x: f64, y: f64| json!([90_759.0 + x, 435_665.0 + y]);
+        let ring = json!([corner(0.0, 0.0), corner(40.0, 0.0), corner(40.0, 20.0), corner(0.0, 20.0), corner(0.0, 0.0)]);
+        let mut value = town(vec![
+            json!({ "type": "Feature", "properties": { "height": 9 }, "geometry": { "type": "Polygon", "coordinates": [ring] } }),
+        ]);
+        value["crs"] = json!({ "type": "name", "properties": { "name": "urn:ogc:def:crs:EPSG::28992" } });
+        let (scene, report) = read_value(&value).unwrap();
+        let (bounds, origin) = (scene.bounds().unwrap(), scene.frame.origin.unwrap());
+        assert!((origin.lat_deg - 51.905).abs() < 0.01 && (origin.lon_deg - 4.45).abs() < 0.03, "{origin:?}");
+        // The grid is turned by half a degree there.
+        assert!(
+            (bounds.max.x - bounds.min.x - 40.0).abs() < 0.8 && (bounds.max.y - bounds.min.y - 20.0).abs() < 0.8,
+            "{bounds:?}"
+        );
+        assert_eq!(report.epsg, Some(28992));
+        value["crs"] = Value::Null;
+        assert!(matches!(read_value(&value), Err(ImportError::Projected { .. })));
+        let given = |epsg: u32| {
+            let proxy = ProxySettings { epsg, ..Settings::default().proxy };
+            read("town.geojson", value.to_string().as_bytes(), &proxy, None)
+        };
+        assert_eq!(given(28992).unwrap().0, scene);
+        assert!(matches!(given(99_999), Err(ImportError::UnknownGrid { epsg: 99_999, .. })));
     }
 
     #[test]

@@ -14,6 +14,10 @@ const LEVEL_KEYS: [&str; 2] = ["building:levels", "levels"];
 const BASE_KEY: &str = "min_height";
 const BASE_LEVEL_KEY: &str = "building:min_level";
 
+/// The roof above the storeys, in metres and in storeys.
+const ROOF_KEY: &str = "roof:height";
+const ROOF_LEVEL_KEY: &str = "roof:levels";
+
 /// Lower heights are taken for a mistake, m.
 const LEAST_HEIGHT_M: f64 = 0.1;
 
@@ -22,15 +26,15 @@ const STOREY_TOLERANCE: f64 = 1.0 / 3.0;
 
 /// Whether a property says something about heights.
 pub(crate) fn is_key(key: &str) -> bool {
-    HEIGHT_KEYS.contains(&key) || LEVEL_KEYS.contains(&key) || key == BASE_KEY || key == BASE_LEVEL_KEY
+    HEIGHT_KEYS.contains(&key) || LEVEL_KEYS.contains(&key) || [BASE_KEY, BASE_LEVEL_KEY, ROOF_KEY, ROOF_LEVEL_KEY].contains(&key)
 }
 
 /// The vertical extent of a building, heights above ground.
 pub(crate) struct Heights {
     pub base_m: f64,
     pub top_m: f64,
-    /// Whether the file says anything usable about the height.
-    pub known: bool,
+    /// Why nothing is known of the height, where that is so; `top_m` is the setting's then.
+    pub missing: Option<String>,
 }
 
 /// The vertical extent that `properties` give, gaps filled from `settings`; what had to be read or guessed goes to `repairs`.
@@ -38,7 +42,7 @@ pub(crate) fn heights(properties: &Map<String, Value>, settings: &ProxySettings,
     let height = first_of(properties, &HEIGHT_KEYS, |value| length_m(value, settings.max_height_m));
     let levels = first_of(properties, &LEVEL_KEYS, |value| storeys(value, settings));
     let base_m = base(properties, settings, repairs);
-    let (top_m, known) = match (height, levels) {
+    let (top_m, missing) = match (height, levels) {
         (Sought::Found(height), levels) => {
             if let Some(reading) = height.reading {
                 repairs.push((ItemKind::HeightText, reading));
@@ -46,21 +50,20 @@ pub(crate) fn heights(properties: &Map<String, Value>, settings: &ProxySettings,
             if let Sought::Found(levels) = levels {
                 compare(height.value, levels.value, settings, repairs);
             }
-            (height.value, true)
+            (height.value, None)
         }
         (height, Sought::Found(levels)) => {
-            let top_m = levels.value * settings.storey_height_m;
+            let (roof_m, roof) = roof(properties, settings);
+            let top_m = levels.value * settings.storey_height_m + roof_m;
             let reading = levels.reading.map_or(String::new(), |reading| format!(" ({reading})"));
             let why = height.reason("height");
-            let text = format!("{why}; {} storeys{reading} of {} m: {top_m} m", levels.value, settings.storey_height_m);
+            let text = format!("{why}; {} storeys{reading} of {} m{roof}: {top_m} m", levels.value, settings.storey_height_m);
             repairs.push((ItemKind::HeightGuessed, text));
-            (top_m, true)
+            (top_m, None)
         }
         (height, levels) => {
-            let top_m = base_m + settings.default_height_m;
             let why = [height.reason("height"), levels.reason("number of storeys")].join(", ");
-            repairs.push((ItemKind::HeightGuessed, format!("{why}; taken to be {} m", settings.default_height_m)));
-            (top_m, false)
+            (base_m + settings.default_height_m, Some(why))
         }
     };
     if base_m > 0.0 && top_m - base_m < LEAST_HEIGHT_M {
@@ -68,9 +71,9 @@ pub(crate) fn heights(properties: &Map<String, Value>, settings: &ProxySettings,
             ItemKind::BaseIgnored,
             format!("the lower end {base_m} m is not below the height {top_m} m; set to the ground"),
         ));
-        return Heights { base_m: 0.0, top_m, known };
+        return Heights { base_m: 0.0, top_m, missing };
     }
-    Heights { base_m, top_m, known }
+    Heights { base_m, top_m, missing }
 }
 
 /// Floor and ceiling of a no-fly zone; the ceiling of a zone without a height is [`f64::MAX`]. What is given must be readable
@@ -172,6 +175,17 @@ fn base(properties: &Map<String, Value>, settings: &ProxySettings, repairs: &mut
             0.0
         }
     }
+}
+
+/// What the roof adds to the storeys, m, and how that is said; the height of a building has it in it.
+fn roof(properties: &Map<String, Value>, settings: &ProxySettings) -> (f64, String) {
+    for (key, unit_m) in [(ROOF_KEY, 1.0), (ROOF_LEVEL_KEY, settings.storey_height_m)] {
+        let found = properties.get(key).and_then(|value| quantity(value).ok()).map(|found| found.value * unit_m);
+        if let Some(roof_m) = found.filter(|roof_m| *roof_m > 0.0 && *roof_m <= settings.max_height_m) {
+            return (roof_m, format!(" and a roof of {roof_m} m"));
+        }
+    }
+    (0.0, String::new())
 }
 
 fn compare(height_m: f64, levels: f64, settings: &ProxySettings, repairs: &mut Vec<Repair>) {
@@ -302,7 +316,7 @@ mod tests {
         let mut repairs = Vec::new();
         let found = heights(properties.as_object().unwrap(), &Settings::default().proxy, &mut repairs);
         let top_m = (found.top_m * 1000.0).round() / 1000.0;
-        (found.base_m, top_m, found.known, repairs.into_iter().map(|(kind, _)| kind).collect())
+        (found.base_m, top_m, found.missing.is_none(), repairs.into_iter().map(|(kind, _)| kind).collect())
     }
 
     #[test]
@@ -331,9 +345,12 @@ mod tests {
             (json!({"height": 20, "min_height": 25}), (0.0, 20.0, true, vec![BaseIgnored])),
             (json!({"height": 20, "min_height": -2}), (0.0, 20.0, true, vec![BaseIgnored])),
             (json!({"height": 20, "min_height": "low"}), (0.0, 20.0, true, vec![BaseIgnored])),
-            (json!({"building:levels": 0}), (0.0, 10.0, false, vec![HeightGuessed])),
-            (json!({"building:levels": ".01"}), (0.0, 10.0, false, vec![HeightGuessed])),
-            (json!({"min_height": 30}), (30.0, 40.0, false, vec![HeightGuessed])),
+            (json!({"building:levels": 3, "roof:height": "2.5 m"}), (0.0, 11.5, true, vec![HeightGuessed])),
+            (json!({"building:levels": 3, "roof:levels": 2}), (0.0, 15.0, true, vec![HeightGuessed])),
+            (json!({"height": 9, "building:levels": 3, "roof:height": 3}), (0.0, 9.0, true, vec![])),
+            (json!({"building:levels": 0}), (0.0, 10.0, false, vec![])),
+            (json!({"building:levels": ".01"}), (0.0, 10.0, false, vec![])),
+            (json!({"min_height": 30}), (30.0, 40.0, false, vec![])),
         ];
         for (properties, expected) in cases {
             assert_eq!(read(properties.clone()), expected, "{properties}");
@@ -362,7 +379,7 @@ mod tests {
             json!(0.001),
             json!("1e999"),
         ] {
-            assert_eq!(read(json!({"height": height})), (0.0, 10.0, false, vec![ItemKind::HeightGuessed]), "{height}");
+            assert_eq!(read(json!({"height": height})), (0.0, 10.0, false, vec![]), "{height}");
         }
     }
 

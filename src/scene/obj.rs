@@ -7,21 +7,15 @@
 use std::borrow::Cow;
 use std::collections::HashMap;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::anchor::Anchor;
-use super::faces;
-use super::meshes::{self, RawMesh};
+use super::meshes::{self, MeshFile, RawMesh};
 use super::names::tidy;
-use super::orient;
-use super::proxy::Scene;
-use super::read::{ImportError, assemble};
+use super::proxy::{Scene, Triangle};
+use super::read::ImportError;
 use super::report::{Format, ImportReport, Place};
-use crate::frame::LocalFrame;
-use crate::settings::ProxySettings;
-
-/// Coordinates beyond this are no metres.
-const FARTHEST_M: f64 = 1e8;
+use crate::settings::{ProxySettings, UpAxis};
 
 pub(crate) fn read(
     file: &str,
@@ -30,21 +24,9 @@ pub(crate) fn read(
     anchor: Option<&Anchor>,
 ) -> Result<(Scene, ImportReport), ImportError> {
     let parsed = parse(bytes).map_err(|(line, what)| ImportError::Line { file: file.into(), line, what })?;
-    let mut report = ImportReport::new(Format::Obj);
     let faces = parsed.faces.len();
-    let mut meshes = if parsed.named { parsed.by_name() } else { parsed.by_body() };
-    if meshes.iter().all(|mesh| mesh.triangles.is_empty()) && faces > 0 {
-        let what = format!("none of the {faces} faces has an area and finite vertices");
-        return Err(ImportError::Coordinates { file: file.into(), what });
-    }
-    meshes::drop_strays(&mut meshes, settings.max_extent_m, &mut report);
-    let given = anchor.map(|anchor| anchor.mesh(file)).transpose()?;
-    to_local(&mut meshes, given.map(Vector3::from), settings, &mut report);
-    let structures = meshes::structures(meshes, &mut report);
-    if structures.is_empty() {
-        return Err(ImportError::NoStructures { file: file.into(), objects: faces, first: report.first_item() });
-    }
-    Ok(assemble(file, LocalFrame::default(), structures, Vec::new(), report))
+    let meshes = if parsed.named { parsed.by_name() } else { parsed.by_body() };
+    meshes::scene_of(file, MeshFile { format: Format::Obj, meshes, faces, up: UpAxis::Z }, settings, anchor)
 }
 
 /// What a file says.
@@ -155,66 +137,18 @@ impl Parsed {
         for face in &self.faces {
             let number = face.object.unwrap_or(self.names.len());
             let name = self.names.get(number).map_or("unnamed", String::as_str);
-            let mesh = meshes[number].get_or_insert_with(|| empty(name.to_owned(), face.line));
-            match self.triangles(face) {
-                Some(triangles) => mesh.triangles.extend(triangles),
-                None => mesh.degenerate += 1,
-            }
+            let mesh = meshes[number].get_or_insert_with(|| RawMesh::empty(name.to_owned(), Place::Line(face.line)));
+            mesh.add(self.triangles(face));
         }
         meshes.into_iter().flatten().collect()
     }
 
     fn by_body(&self) -> Vec<RawMesh> {
-        let mut triangles = Vec::new();
-        let mut lines = Vec::new();
-        let mut degenerate = Vec::new();
-        for face in &self.faces {
-            match self.triangles(face) {
-                Some(cut) => {
-                    lines.resize(lines.len() + cut.len(), face.line);
-                    triangles.extend(cut);
-                }
-                None => degenerate.push(face.line),
-            }
-        }
-        let mut meshes: Vec<RawMesh> = Vec::new();
-        for ((triangle, line), body) in triangles.iter().zip(&lines).zip(orient::bodies(&triangles)) {
-            if body == meshes.len() {
-                meshes.push(empty(format!("body-{}", body + 1), *line));
-            }
-            meshes[body].triangles.push(*triangle);
-        }
-        // A face without area belongs to no body of its own; the first body reports them all.
-        if let Some(first) = meshes.first_mut() {
-            first.degenerate = degenerate.len();
-        }
-        meshes
+        meshes::by_body(self.faces.iter().map(|face| (Place::Line(face.line), self.triangles(face))))
     }
 
-    fn triangles(&self, face: &Face) -> Option<Vec<super::proxy::Triangle>> {
-        let corners: Vec<Point3<f64>> = face.vertices.iter().map(|&index| self.vertices[index]).collect();
-        let sound = corners.iter().flat_map(|corner| corner.iter()).all(|metres| metres.abs() < FARTHEST_M);
-        if sound { faces::triangulate(&[corners]) } else { None }
-    }
-}
-
-fn empty(name: String, line: usize) -> RawMesh {
-    RawMesh { name, place: Place::Line(line), triangles: Vec::new(), degenerate: 0 }
-}
-
-/// Puts the lowest vertex on the ground, unless the origin is given. Coordinates stay as they are unless they lie far from zero, as in a national grid.
-fn to_local(meshes: &mut [RawMesh], given: Option<Vector3<f64>>, settings: &ProxySettings, report: &mut ImportReport) {
-    let Some(bounds) = meshes::bounds(meshes) else { return };
-    let middle = nalgebra::center(&bounds.min, &bounds.max);
-    let far = libm::hypot(middle.x, middle.y) > settings.max_extent_m;
-    let chosen = if far { Vector3::new(middle.x, middle.y, bounds.min.z) } else { Vector3::new(0.0, 0.0, bounds.min.z) };
-    let shift = given.unwrap_or(chosen);
-    report.anchor = Some(Anchor::Mesh { origin_m: shift.into() });
-    if shift != Vector3::zeros() {
-        report.notes.push(format!("the local origin is ({}, {}, {}) in the file", shift.x, shift.y, shift.z));
-    }
-    for corner in meshes.iter_mut().flat_map(|mesh| mesh.triangles.iter_mut().flatten()) {
-        *corner -= shift;
+    fn triangles(&self, face: &Face) -> Option<Vec<Triangle>> {
+        meshes::face(face.vertices.iter().map(|&index| self.vertices[index]).collect())
     }
 }
 

@@ -5,22 +5,27 @@ use std::sync::Arc;
 use geo::{Area, BooleanOps, CoordsIter};
 use nalgebra::Point3;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use super::anchor::Anchor;
 use super::bounds::Bounds;
 use super::json::Scalar;
 use super::proxy::{NoFlyZone, Scene, Shape, Structure};
-use super::report::ImportReport;
-use super::{cityjson, geojson, obj};
+use super::report::{ImportReport, Place};
+use super::{cityjson, geojson, gltf_file, obj, osm_pbf, ply, stl};
 use crate::frame::LocalFrame;
 use crate::settings::ProxySettings;
+
+/// What is read, as errors tell it.
+pub const KNOWN_FORMATS: &str =
+    "GeoJSON footprints with heights, OpenStreetMap PBF, CityJSON, CityJSON sequences, OBJ, PLY, STL and glTF (.glb) meshes";
 
 /// Why a file is no scene. Nothing has been loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    #[error("{file}: the file is empty; give a GeoJSON, CityJSON or OBJ file")]
+    #[error("{file}: the file is empty; give a scene file: {KNOWN}", KNOWN = KNOWN_FORMATS)]
     EmptyFile { file: String },
-    #[error("{file}: this is {found}, which is not read; convert it to GeoJSON footprints with heights, CityJSON or OBJ")]
+    #[error("{file}: this is {found}, which is not read; convert it to one of {KNOWN}", KNOWN = KNOWN_FORMATS)]
     UnknownFormat { file: String, found: String },
     #[error("{file}: the JSON is damaged at line {}, column {}: {source}; it may be cut off: fetch or export it again", .source.line(), .source.column())]
     Json { file: String, source: serde_json::Error },
@@ -36,14 +41,15 @@ pub enum ImportError {
          \"no-fly\": correct it, or remove the property"
     )]
     UnknownMark { file: String, index: usize, name: String, value: String },
-    #[error("{file}: the no-fly zone {name:?} (feature {index}) {problem}, so it cannot be barred as it is given; {remedy}")]
-    Zone { file: String, index: usize, name: String, problem: String, remedy: &'static str },
+    #[error("{file}: the no-fly zone {name:?} ({place}) {problem}, so it cannot be barred as it is given; {remedy}")]
+    Zone { file: String, place: Place, name: String, problem: String, remedy: &'static str },
     #[error(
         "{file}: none of its {objects} features or objects is a usable structure{first}; export buildings as polygons or solids"
     )]
     NoStructures { file: String, objects: usize, first: String },
     #[error(
-        "{file}: not one of its {structures} structures has a height; add a property `height` (metres) or `building:levels` to the features"
+        "{file}: not one of its {structures} structures has a height; add a property `height` (metres) or `building:levels` to the features, or let all have one height with \
+         `--missing-heights constant --default-height METRES`"
     )]
     NoHeights { file: String, structures: usize },
     #[error(
@@ -58,13 +64,24 @@ pub enum ImportError {
     )]
     Projected { file: String, example: [f64; 2], declared: String },
     #[error(
-        "{file}: its coordinates are degrees (EPSG:{epsg}); CityJSON is read in metres: reproject it, for example with `cjio in.json crs_reproject`"
+        "{file}: its coordinates are degrees (EPSG:{epsg}); CityJSON and meshes are read in metres: reproject it, for example with `cjio in.json crs_reproject`"
     )]
     Geographic { file: String, epsg: u32 },
+    #[error(
+        "{file}: coordinates like ({}, {}) cannot be brought from EPSG:{epsg} to WGS84; give the code of the projected reference system that they are in",
+        .example[0], .example[1]
+    )]
+    UnknownGrid { file: String, epsg: u32, example: [f64; 2] },
     #[error(
         "{file}: object {object:?} refers to vertex {index}, but there are only {vertices}; the file is damaged or was cropped wrongly: export it again"
     )]
     VertexIndex { file: String, object: String, index: String, vertices: usize },
+    #[error("{file}: the mesh is damaged or of a kind that is not read: {what}; export it again")]
+    Mesh { file: String, what: String },
+    #[error(
+        "{file}: the OpenStreetMap extract is damaged: {what}; it may be cut off: fetch or cut it out again, for example with `osmium extract`"
+    )]
+    Pbf { file: String, what: String },
     #[error("{file}: line {line}: {what}; correct the line or export the file again")]
     Line { file: String, line: usize, what: String },
     #[error(
@@ -112,23 +129,41 @@ fn read_format(
         return Err(ImportError::EmptyFile { file });
     };
     if matches!(first, b'{' | b'[') {
-        return match json_kind(file_name, bytes)?.as_str() {
-            "CityJSON" => cityjson::read(file_name, bytes, settings, anchor),
-            "CityJSONFeature" => Err(ImportError::UnknownFormat { file, found: "a CityJSON sequence".into() }),
-            _ => geojson::read(file_name, bytes, settings, anchor),
+        return match json_kind(file_name, bytes)? {
+            JsonKind::Sequence => cityjson::read_sequence(file_name, bytes, settings, anchor),
+            JsonKind::Gltf => gltf_file::read(file_name, bytes, settings, anchor),
+            JsonKind::Typed(kind) if kind == "CityJSON" => cityjson::read(file_name, bytes, settings, anchor),
+            JsonKind::Typed(kind) if kind == "CityJSONFeature" => {
+                Err(ImportError::UnknownFormat { file, found: "a CityJSON sequence without its first line".into() })
+            }
+            JsonKind::Typed(_) => geojson::read(file_name, bytes, settings, anchor),
         };
+    }
+    type Reader = fn(&str, &[u8], &ProxySettings, Option<&Anchor>) -> Result<(Scene, ImportReport), ImportError>;
+    let lower = file_name.to_lowercase();
+    let reader: Option<Reader> = match () {
+        () if bytes.starts_with(b"glTF") => Some(gltf_file::read),
+        () if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") => Some(ply::read),
+        () if osm_pbf::is_one(bytes) => Some(osm_pbf::read),
+        () if stl::is_binary(bytes) || stl::is_ascii(bytes) => Some(stl::read),
+        () => None,
+    };
+    if let Some(reader) = reader {
+        return reader(file_name, bytes, settings, anchor);
     }
     if let Some(found) = foreign_format(bytes) {
         return Err(ImportError::UnknownFormat { file, found: found.into() });
     }
-    let lower = file_name.to_lowercase();
     if lower.ends_with(".obj") || looks_like_obj(bytes) {
         return obj::read(file_name, bytes, settings, anchor);
+    }
+    if lower.ends_with(".stl") {
+        return stl::read(file_name, bytes, settings, anchor);
     }
     if lower.ends_with("json") {
         json_kind(file_name, bytes)?;
     }
-    Err(ImportError::UnknownFormat { file, found: "neither JSON nor OBJ".into() })
+    Err(ImportError::UnknownFormat { file, found: "of no format that is known by its content".into() })
 }
 
 /// The name of a scene: the last part of its path without the endings of the known formats, or the folder's name where the file's
@@ -137,11 +172,28 @@ pub(crate) fn stem(file_name: &str) -> String {
     let mut parts = file_name.rsplit(['/', '\\']).filter(|part| !part.is_empty());
     let base = parts.next().unwrap_or(file_name);
     let lower = base.to_lowercase();
-    let ending = [".city.json", ".geo.json", ".geojson", ".json", ".obj"].into_iter().find(|ending| lower.ends_with(ending));
+    let ending = ENDINGS.into_iter().find(|ending| lower.ends_with(ending));
     let stem = ending.and_then(|ending| base.get(..base.len() - ending.len())).unwrap_or(base);
     let telling = if GENERIC_STEMS.contains(&stem.to_lowercase().as_str()) { parts.next().unwrap_or(stem) } else { stem };
     if telling.is_empty() { "scene".into() } else { super::names::tidy(telling) }
 }
+
+/// Endings of files that are read, longer ones first.
+pub const ENDINGS: [&str; 13] = [
+    ".city.jsonl",
+    ".city.json",
+    ".geo.json",
+    ".osm.pbf",
+    ".geojson",
+    ".jsonl",
+    ".json",
+    ".gltf",
+    ".glb",
+    ".obj",
+    ".pbf",
+    ".ply",
+    ".stl",
+];
 
 /// File names that tell nothing about the scene.
 const GENERIC_STEMS: [&str; 6] = ["buildings", "building", "scene", "model", "mesh", "city"];
@@ -167,48 +219,57 @@ pub(crate) fn assemble(
     (scene, report)
 }
 
-/// The member `type` of a JSON file, which is parsed to its end.
-fn json_kind(file_name: &str, bytes: &[u8]) -> Result<String, ImportError> {
+/// What a JSON file is.
+enum JsonKind {
+    /// By its member `type`.
+    Typed(String),
+    Gltf,
+    /// Several values one after the other, the first a CityJSON object.
+    Sequence,
+}
+
+/// What a JSON file is, which is parsed to its end, or, of a sequence, to the end of its first value.
+fn json_kind(file_name: &str, bytes: &[u8]) -> Result<JsonKind, ImportError> {
     #[derive(Deserialize)]
     struct Probe {
         #[serde(rename = "type", default)]
         kind: Scalar,
+        asset: Option<IgnoredAny>,
     }
+    let damaged = |source| ImportError::Json { file: file_name.into(), source };
     if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
         // Parsed for the sake of a precise message when the file is cut off.
-        let _: serde::de::IgnoredAny =
-            serde_json::from_slice(bytes).map_err(|source| ImportError::Json { file: file_name.into(), source })?;
+        let _: IgnoredAny = serde_json::from_slice(bytes).map_err(damaged)?;
         return Err(ImportError::UnknownFormat { file: file_name.into(), found: "a bare JSON list".into() });
     }
+    let kind_of = |probe: &Probe| probe.kind.text().unwrap_or_default().to_owned();
     match serde_json::from_slice::<Probe>(bytes) {
-        Ok(probe) => Ok(probe.kind.text().unwrap_or_default().to_owned()),
-        // A CityJSON sequence is one JSON object per line.
+        Ok(probe) if probe.asset.is_some() && probe.kind.text().is_none() => Ok(JsonKind::Gltf),
+        Ok(probe) => Ok(JsonKind::Typed(kind_of(&probe))),
         Err(source) if source.is_syntax() && source.to_string().starts_with("trailing characters") => {
-            Err(ImportError::UnknownFormat {
-                file: file_name.into(),
-                found: "several JSON values in one file (a sequence)".into(),
-            })
+            match serde_json::Deserializer::from_slice(bytes).into_iter::<Probe>().next() {
+                Some(Ok(probe)) if kind_of(&probe) == "CityJSON" => Ok(JsonKind::Sequence),
+                Some(Ok(probe)) if kind_of(&probe) == "CityJSONFeature" => Ok(JsonKind::Typed(kind_of(&probe))),
+                _ => Err(ImportError::UnknownFormat {
+                    file: file_name.into(),
+                    found: "several JSON values in one file (a sequence)".into(),
+                }),
+            }
         }
-        Err(source) => Err(ImportError::Json { file: file_name.into(), source }),
+        Err(source) => Err(damaged(source)),
     }
 }
 
 fn foreign_format(bytes: &[u8]) -> Option<&'static str> {
-    const MAGIC: [(&[u8], &str); 9] = [
-        (b"glTF", "binary glTF"),
-        (b"ply", "a PLY mesh"),
+    const MAGIC: [(&[u8], &str); 6] = [
         (b"II*\0", "a TIFF raster"),
         (b"MM\0*", "a TIFF raster"),
         (b"LASF", "a LAS or LAZ point cloud"),
         (b"PK\x03\x04", "a zip archive"),
         (b"\x1f\x8b", "gzip-compressed"),
-        (b"\0\0\0\rOS", "an OpenStreetMap PBF file"),
         (b"<", "XML (CityGML, KML or Collada)"),
     ];
-    MAGIC.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, name)| *name).or_else(|| {
-        // "OSMHeader" follows the length and a tag byte or two.
-        bytes.get(..16).filter(|head| head.windows(9).any(|part| part == b"OSMHeader")).map(|_| "an OpenStreetMap PBF file")
-    })
+    MAGIC.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, name)| *name)
 }
 
 fn looks_like_obj(bytes: &[u8]) -> bool {

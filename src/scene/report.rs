@@ -13,7 +13,12 @@ use super::anchor::Anchor;
 pub enum Format {
     GeoJson,
     CityJson,
+    CityJsonSeq,
+    Gltf,
     Obj,
+    OsmPbf,
+    Ply,
+    Stl,
 }
 
 /// Everything that was not taken from the file as it stands.
@@ -58,15 +63,17 @@ pub struct ReportItem {
 }
 
 /// Where in the file an item lies.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Place {
     /// Index into the features of a GeoJSON file, from 0.
     Feature(usize),
-    /// Key of a CityJSON object.
+    /// Key of a CityJSON object, name of a node of glTF, or way and number of OpenStreetMap.
     Object(String),
     /// Line of an OBJ file, from 1.
     Line(usize),
+    /// Face of a PLY or STL file, from 0.
+    Face(usize),
 }
 
 /// The kinds of items.
@@ -97,6 +104,10 @@ pub enum ItemKind {
     HeightText,
     /// A height that is not in the file.
     HeightGuessed,
+    /// A building without a height that is left out.
+    HeightMissing,
+    /// An outline around parts of a building.
+    OutlineReplaced,
     /// Height and number of storeys do not fit each other.
     HeightDisagreement,
     /// A lower end above the upper end, or below the ground.
@@ -213,6 +224,8 @@ impl fmt::Display for ItemKind {
             Self::PartsDropped => "with unusable parts",
             Self::HeightText => "with a height in words",
             Self::HeightGuessed => "with a guessed height",
+            Self::HeightMissing => "without a height",
+            Self::OutlineReplaced => "with parts in place of their outline",
             Self::HeightDisagreement => "whose height and storeys disagree",
             Self::BaseIgnored => "with a wrong lower end",
             Self::SwappedCoordinates => "with latitude and longitude exchanged",
@@ -233,6 +246,7 @@ impl fmt::Display for Place {
             Self::Feature(index) => write!(f, "feature {index}"),
             Self::Object(key) => write!(f, "object {key:?}"),
             Self::Line(line) => write!(f, "line {line}"),
+            Self::Face(face) => write!(f, "face {face}"),
         }
     }
 }

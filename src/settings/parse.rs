@@ -84,6 +84,12 @@ impl Settings {
         let Self { proxy, surface, flight, dynamics, field, coverage, objective, search, refine, .. } = self;
         let Self { quality, baseline, bound, daemon, .. } = self;
         vec![
+            ("proxy.epsg", f64::from(proxy.epsg), 0.0, 10_000_000.0),
+            ("proxy.unit_m", proxy.unit_m, 1e-6, 1e6),
+            ("proxy.offset_m[0]", proxy.offset_m[0], -1e8, 1e8),
+            ("proxy.offset_m[1]", proxy.offset_m[1], -1e8, 1e8),
+            ("proxy.offset_m[2]", proxy.offset_m[2], -1e5, 1e5),
+            ("proxy.lod", proxy.lod, 0.0, 4.0),
             ("proxy.storey_height_m", proxy.storey_height_m, 1.0, 20.0),
             ("proxy.default_height_m", proxy.default_height_m, 1.0, 1000.0),
             ("proxy.max_height_m", proxy.max_height_m, 1.0, 10_000.0),

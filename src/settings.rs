@@ -2,6 +2,7 @@
 
 mod parse;
 
+use serde::de::IntoDeserializer;
 use serde::{Deserialize, Serialize};
 
 pub use parse::SettingsError;
@@ -65,6 +66,20 @@ pub enum UpAxis {
     File,
     Y,
     Z,
+}
+
+impl UpAxis {
+    /// By the name that the configuration has for it.
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::deserialize(name.into_deserializer()).map_err(|_: serde::de::value::Error| ()).ok()
+    }
+}
+
+impl MissingHeights {
+    /// By the name that the configuration has for it.
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::deserialize(name.into_deserializer()).map_err(|_: serde::de::value::Error| ()).ok()
+    }
 }
 
 /// What is done about a building of whose height nothing is known, neither metres nor storeys.

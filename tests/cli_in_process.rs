@@ -28,6 +28,7 @@ fn help_teaches_with_examples_units_and_exit_codes() {
         "bound",
         "generate",
         "degrade",
+        "inspect",
         "reproduce",
         "evaluate",
         "rigs",

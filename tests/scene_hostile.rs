@@ -1,5 +1,7 @@
 //! No bytes whatever make the reader panic; what it accepts is sound.
 
+mod scene_files;
+
 use overfly::scene::{BlockSettings, ImportError, generate_block, read, to_geojson};
 use overfly::settings::{ProxySettings, Settings};
 use proptest::prelude::*;
@@ -21,8 +23,21 @@ const CITY: &str = r#"{"type":"CityJSON","version":"2.0","transform":{"scale":[0
 
 const OBJ: &str = "o a\nv 0 0 0\nv 10 0 0\nv 0 10 0\nv 3 3 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\ng b\nf -1/2/3 -2//1 -3\n";
 
-fn seeds() -> [(&'static str, Vec<u8>); 3] {
-    [("a.geojson", small_block()), ("a.city.json", CITY.into()), ("a.obj", OBJ.into())]
+/// The first ones are text.
+const SEEDS: usize = 8;
+const TEXTS: usize = 4;
+
+fn seeds() -> [(&'static str, Vec<u8>); SEEDS] {
+    [
+        ("a.geojson", small_block()),
+        ("a.city.json", CITY.into()),
+        ("a.obj", OBJ.into()),
+        ("a.city.jsonl", scene_files::sequence()),
+        ("a.ply", scene_files::ply()),
+        ("a.stl", scene_files::stl()),
+        ("a.glb", scene_files::glb()),
+        ("a.osm.pbf", scene_files::extract()),
+    ]
 }
 
 /// Reads and, when there is a scene, uses all of it.
@@ -58,12 +73,12 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(1000))]
 
     #[test]
-    fn random_bytes(bytes in prop::collection::vec(any::<u8>(), 0..400), ending in "geojson|json|obj|tif|") {
+    fn random_bytes(bytes in prop::collection::vec(any::<u8>(), 0..400), ending in "geojson|json|obj|tif|stl|ply|glb|pbf|") {
         digest(&format!("a.{ending}"), &bytes)?;
     }
 
     #[test]
-    fn flipped_bytes(seed in 0usize..3, flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
+    fn flipped_bytes(seed in 0..SEEDS, flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
         let (name, mut bytes) = seeds()[seed].clone();
         for (at, byte) in flips {
             let at = at.index(bytes.len());
@@ -74,7 +89,7 @@ proptest! {
 
     /// Digits are where the meaning is: indices, coordinates, heights, levels.
     #[test]
-    fn changed_numbers(seed in 0usize..3, changes in prop::collection::vec((any::<prop::sample::Index>(), "[-0-9.e,]{1,4}"), 1..6)) {
+    fn changed_numbers(seed in 0..TEXTS, changes in prop::collection::vec((any::<prop::sample::Index>(), "[-0-9.e,]{1,4}"), 1..6)) {
         let (name, bytes) = seeds()[seed].clone();
         let mut text = String::from_utf8(bytes).unwrap();
         for (at, number) in changes {
@@ -86,7 +101,7 @@ proptest! {
     }
 
     #[test]
-    fn truncated(seed in 0usize..3, at in any::<prop::sample::Index>()) {
+    fn truncated(seed in 0..SEEDS, at in any::<prop::sample::Index>()) {
         let (name, bytes) = seeds()[seed].clone();
         digest(name, &bytes[..at.index(bytes.len())])?;
     }
@@ -119,18 +134,27 @@ fn deep_nesting_is_an_error() {
     assert!(read("deep.json", nested.as_bytes(), &settings()).is_err());
 }
 
+/// A file whose ending and content disagree is what its content says.
+#[test]
+fn the_content_tells_the_format() {
+    for (_, bytes) in seeds() {
+        for name in ["a.geojson", "a.obj", "a.stl", "a"] {
+            read(name, &bytes, &settings()).unwrap_or_else(|error| panic!("{error}"));
+        }
+    }
+}
+
 #[test]
 fn foreign_formats_are_called_by_their_name() {
     for (bytes, name) in [
-        (&b"glTF\x02\0\0\0"[..], "glTF"),
-        (b"II*\0....", "TIFF"),
+        (&b"II*\0...."[..], "TIFF"),
         (b"LASF....", "LAS"),
-        (b"ply\nformat ascii 1.0\n", "PLY"),
         (b"<?xml version='1.0'?>", "XML"),
         (b"PK\x03\x04....", "zip"),
-        (b"hello", "neither JSON nor OBJ"),
+        (b"hello", "no format that is known"),
         (b"[1, 2]", "JSON list"),
-        (b"{\"type\":\"CityJSON\"}\n{\"type\":\"CityJSONFeature\"}", "sequence"),
+        (b"{\"type\":\"CityJSONFeature\"}\n{\"type\":\"CityJSONFeature\"}", "sequence"),
+        (b"{\"type\":\"Feature\"}\n{\"type\":\"Feature\"}", "sequence"),
     ] {
         let error = read("thing", bytes, &settings()).unwrap_err();
         assert!(matches!(error, ImportError::UnknownFormat { .. }) && error.to_string().contains(name), "{error}");

@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use geo::InteriorPoint;
 use nalgebra::Point3;
+use overfly::scene::report::Format;
 use overfly::scene::{ImportReport, ItemKind, Place, ReportItem, Scene, Shape, read};
-use overfly::settings::{ProxySettings, Settings};
+use overfly::settings::{MissingHeights, ProxySettings, Settings};
 
 fn settings() -> ProxySettings {
     Settings::default().proxy
@@ -116,6 +117,92 @@ fn delfshaven_as_obj_has_the_same_size() {
     assert!(report.structures > 20, "{}", report.structures);
     assert!((report.tallest_m - 25.8).abs() < 0.1);
     assert!((report.extent_m[0] - 349.0).abs() < 3.0 && (report.extent_m[1] - 344.0).abs() < 3.0);
+}
+
+/// The same triangles in three formats, of which glTF has another axis up.
+#[test]
+fn delfshaven_s_mesh_is_the_same_in_every_format() {
+    let Some((obj, _)) = import("delfshaven/delfshaven_mesh.obj") else { return };
+    for path in ["delfshaven/delfshaven_mesh.ply", "delfshaven/delfshaven_mesh.glb"] {
+        let Some((scene, report)) = import(path) else { continue };
+        assert!(matches!(report.format, Format::Ply | Format::Gltf));
+        assert_eq!(scene.structures.len(), obj.structures.len(), "{path}");
+        for (one, other) in scene.structures.iter().zip(&obj.structures) {
+            let apart = |a: Point3<f64>, b: Point3<f64>| (a - b).norm();
+            let (one, other) = (one.bounds(), other.bounds());
+            // PLY and glTF hold single precision.
+            assert!(apart(one.min, other.min) < 1e-3 && apart(one.max, other.max) < 1e-3, "{path}: {one:?} and {other:?}");
+        }
+    }
+}
+
+/// With its grid and the offset that was taken away the mesh lies where the city model does.
+#[test]
+fn a_mesh_finds_its_place_by_its_grid() {
+    let (Some((city, _)), Some(bytes)) =
+        (import("delfshaven/delfshaven.city.json"), scene_file("delfshaven/delfshaven_mesh.glb"))
+    else {
+        return;
+    };
+    let proxy = ProxySettings { epsg: 28992, offset_m: [90_759.0, 435_665.0, 0.0], ..settings() };
+    let (mesh, report) = read("delfshaven_mesh.glb", &bytes, &proxy).unwrap();
+    assert_eq!(report.epsg, Some(28992));
+    let [a, b] = [&city, &mesh].map(|scene| scene.frame.origin.unwrap());
+    assert!((a.lat_deg - b.lat_deg).abs() < 2e-5 && (a.lon_deg - b.lon_deg).abs() < 2e-5, "{a:?} and {b:?}");
+    let [a, b] = [&city, &mesh].map(|scene| scene.bounds().unwrap());
+    assert!((a.max - b.max).norm() < 2.0 && (a.min.xy() - b.min.xy()).norm() < 2.0, "{a:?} and {b:?}");
+}
+
+#[test]
+fn powerplant_and_bridge_are_the_same_in_every_format() {
+    for (name, other) in
+        [("powerplant/powerplant", "ply"), ("truss-bridge/truss_bridge_240m", "ply"), ("truss-bridge/truss_bridge_240m", "glb")]
+    {
+        let [Some((_, one)), Some((_, other))] = ["obj", other].map(|ending| import(&format!("{name}.{ending}"))) else { return };
+        assert!((one.tallest_m - other.tallest_m).abs() < 0.01 && (one.extent_m[0] - other.extent_m[0]).abs() < 0.01, "{name}");
+    }
+}
+
+/// The GeoJSON was made from the extract by other software.
+#[test]
+fn monaco_s_extract_holds_what_its_geojson_does() {
+    let (Some((pbf, report)), Some((json, _))) =
+        (import("monaco-osm/monaco-latest.osm.pbf"), import("monaco-osm/buildings.geojson"))
+    else {
+        return;
+    };
+    assert_eq!(report.format, Format::OsmPbf);
+    assert_place(&pbf, 43.737, 7.424);
+    let same = |name: &str| Some((pbf.structure(pbf.find(name)?)?.bounds(), json.structure(json.find(name)?)?.bounds()));
+    let found: Vec<_> = json.structures.iter().filter_map(|structure| same(&structure.name)).collect();
+    let alike = found.iter().filter(|(a, b)| (a.min - b.min).norm() < 0.05 && (a.max - b.max).norm() < 0.05).count();
+    println!("{} structures in both, {alike} alike, of {} and {}", found.len(), pbf.structures.len(), json.structures.len());
+    assert!(pbf.structures.len().abs_diff(json.structures.len()) <= 5 && alike * 100 >= json.structures.len() * 98);
+}
+
+#[test]
+fn heights_that_are_missing_can_be_left_out_or_be_one() {
+    let Some(bytes) = scene_file("monaco-osm/monaco-latest.osm.pbf") else { return };
+    let read_with = |missing_heights| read("monaco.osm.pbf", &bytes, &ProxySettings { missing_heights, ..settings() }).unwrap();
+    let (dropped, report) = read_with(MissingHeights::Drop);
+    assert!(
+        (100..=140).contains(&dropped.structures.len()) && report.count(ItemKind::HeightMissing) > 1000,
+        "{}",
+        report.summary()
+    );
+    let (constant, report) = read_with(MissingHeights::Constant);
+    assert!(constant.structures.len() > 1200 && report.items.iter().any(|item| item.done.ends_with("taken to be 10 m")));
+}
+
+#[test]
+fn a_coarser_level_of_detail_is_coarser() {
+    let Some(bytes) = scene_file("delfshaven/delfshaven.city.json") else { return };
+    let triangles = |lod: f64| {
+        let (scene, _) = read("delfshaven.city.json", &bytes, &ProxySettings { lod, ..settings() }).unwrap();
+        scene.structures.iter().map(|structure| structure.triangles().len()).sum::<usize>()
+    };
+    // There is only one level in this file, which is read whatever is wanted.
+    assert_eq!(triangles(0.0), triangles(1.0));
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 mod edit;
 mod measuring;
+mod reading;
 
 use std::path::PathBuf;
 
@@ -9,6 +10,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::edit::{Change, EditArgs, ShapeArgs, UpdateArgs};
 pub use self::measuring::{BenchArgs, BoundArgs, ReproduceArgs, Subject};
+pub use self::reading::{InspectArgs, ReadArgs};
 use super::en_route::EnRouteArgs;
 use super::values::{self, Degrees2, Meters2, Meters3, Outline};
 use crate::scene::degrade::Boundary;
@@ -54,6 +56,8 @@ pub struct Arguments {
 pub enum Command {
     /// Show the whole thing: generate a block, plan, make one building taller, replan
     Demo(DemoArgs),
+    /// Say what a scene file holds, what was repaired and guessed, and draw it
+    Inspect(InspectArgs),
     /// Run the daemon in the foreground
     Serve(ServeArgs),
     /// Give a scene file to the daemon, which builds its view information field
@@ -139,8 +143,8 @@ pub struct ServeArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Reads GeoJSON footprints with heights (.geojson, .json), CityJSON 1.0 to 2.0 (.city.json) and OBJ meshes (.obj). \
-    What was repaired or guessed is listed. The daemon reads the file itself; when it cannot, because it runs as another user or sees other \
+    after_help = "Reads GeoJSON footprints with heights (.geojson, .json), OpenStreetMap extracts (.osm.pbf), CityJSON 1.0 to 2.0 (.city.json) and its sequences \
+    (.city.jsonl), and meshes as OBJ, PLY, STL and glTF (.glb). What was repaired or guessed is listed. The daemon reads the file itself; when it cannot, because it runs as another user or sees other \
     files, the content is sent (at most `daemon.max_scene_mb`).\n\nExample:\n  overfly load delfshaven.city.json --name harbour"
 )]
 pub struct LoadArgs {
@@ -151,11 +155,13 @@ pub struct LoadArgs {
     pub name: Option<String>,
     #[command(flatten)]
     pub reach: Reach,
+    #[command(flatten)]
+    pub read: ReadArgs,
 }
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "If SCENE is a file, or looks like a path (it holds a `/` or ends with .geojson, .json or .obj), it is planned in process; else \
+    after_help = "If SCENE is a file, or looks like a path (it holds a `/` or ends like one, .geojson or .glb for example), it is planned in process; else \
     it is the name of a scene that the daemon has loaded. Both give the same plan.json, byte for byte, for the same scene, settings, seed and iterations.\n\n\
     The rig decides what an image sees: `panoramic` everything around, a camera on a gimbal (`phantom4-rtk`, `mavic3e`) where its view \
     direction points, cameras bolted to the airframe (`m300-oblique`) where the drone flies. `overfly rigs` lists them, `overfly rigs phantom4-rtk` \
@@ -182,6 +188,9 @@ pub struct PlanArgs {
     pub sizes: SizeArgs,
     #[command(flatten)]
     pub reach: Reach,
+    /// Only for a scene file
+    #[command(flatten)]
+    pub read: ReadArgs,
 }
 
 #[derive(Debug, Args)]

@@ -39,6 +39,11 @@ pub fn run(arguments: &EvaluateArgs, form: Form) -> Result<Answer, Failure> {
             cause,
         })?,
     };
+    let settings = match &run {
+        // The scene is to be the one that the plan was made on.
+        Ok(run) if arguments.truth.is_none() => read_as_before(settings, run),
+        _ => settings,
+    };
     let stop = StopToken::default();
     let stopper = stop.clone();
     let interrupts =
@@ -49,7 +54,7 @@ pub fn run(arguments: &EvaluateArgs, form: Form) -> Result<Answer, Failure> {
     drop(interrupts);
     if let Ok(run) = &run
         && arguments.config.is_none()
-        && run["settings"].as_object().is_some_and(|differing| !differing.is_empty())
+        && run["settings"].as_object().is_some_and(|differing| differing.keys().any(|section| section != "proxy"))
     {
         assessed.notes.push(
             "the plan was made with other settings than the built-in ones used here (`settings` in its run.json); give them with `--config`"
@@ -158,6 +163,18 @@ fn read_run(run_file: &Path, plan: &Plan) -> Result<Value, String> {
     let run: Value = serde_json::from_slice(&text).map_err(|error| error.to_string())?;
     let is_of_plan = run["scene"] == plan.scene.name && run["revision"] == plan.scene.revision;
     if is_of_plan { Ok(run) } else { Err("it belongs to another plan".to_owned()) }
+}
+
+/// The settings with what the plan's run says of how its scene file was read, where that can be understood.
+fn read_as_before(mut settings: Settings, run: &Value) -> Settings {
+    let Ok(mut proxy) = serde_json::to_value(&settings.proxy) else { return settings };
+    let differing = run["settings"]["proxy"].as_object().into_iter().flatten();
+    differing.for_each(|(key, value)| proxy[key] = value.clone());
+    let read = serde_json::from_value(proxy).map(|proxy| Settings { proxy, ..settings.clone() });
+    if let Some(read) = read.ok().filter(|read| read.check().is_ok()) {
+        settings = read;
+    }
+    settings
 }
 
 /// The scene file that it names.

@@ -1,16 +1,9 @@
 //! What the reader of a scene file did, for people: repairs change nothing in flight, guesses and omissions may.
 
-use crate::scene::{ImportReport, ItemKind};
+use crate::scene::{ImportReport, Meaning};
 
 /// Names that are listed before the rest is counted.
 const FIRST_NAMES: usize = 5;
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Meaning {
-    Repaired,
-    Guessed,
-    Dropped,
-}
 
 /// Lines for a person; `zones` are the no-fly zones of the configuration beside those of the file.
 pub fn lines(report: &ImportReport, zones: usize) -> Vec<String> {
@@ -25,7 +18,7 @@ pub fn lines(report: &ImportReport, zones: usize) -> Vec<String> {
     let repairs: Vec<String> = report
         .counts
         .iter()
-        .filter(|(kind, _)| meaning(**kind) == Meaning::Repaired)
+        .filter(|(kind, _)| kind.meaning() == Meaning::Repaired)
         .map(|(kind, count)| format!("{count} {kind}"))
         .collect();
     if !repairs.is_empty() {
@@ -52,7 +45,7 @@ pub fn counted(count: usize, noun: &str) -> String {
 
 fn named(report: &ImportReport, wanted: Meaning, remark: &str) -> Option<String> {
     let names: Vec<&str> =
-        report.items.iter().filter(|item| meaning(item.kind) == wanted).map(|item| item.structure.as_str()).collect();
+        report.items.iter().filter(|item| item.kind.meaning() == wanted).map(|item| item.structure.as_str()).collect();
     if names.is_empty() {
         return None;
     }
@@ -62,14 +55,6 @@ fn named(report: &ImportReport, wanted: Meaning, remark: &str) -> Option<String>
     };
     let first = names.iter().take(FIRST_NAMES).copied().collect::<Vec<_>>().join(", ");
     Some(format!("{} {remark}: {first}{more}", names.len()))
-}
-
-fn meaning(kind: ItemKind) -> Meaning {
-    match kind {
-        ItemKind::HeightGuessed | ItemKind::HeightDisagreement => Meaning::Guessed,
-        ItemKind::NoGeometry | ItemKind::Outlier | ItemKind::PartsDropped | ItemKind::HeightMissing => Meaning::Dropped,
-        _ => Meaning::Repaired,
-    }
 }
 
 #[cfg(test)]

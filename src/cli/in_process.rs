@@ -42,7 +42,7 @@ pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportRepo
 
 /// The bytes of a scene file.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
-    let remedy = "give a GeoJSON, CityJSON or OBJ file that you may read";
+    let remedy = "give a scene file that you may read";
     bounded_file::read(path, MOST_SCENE_BYTES).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })
 }
 

@@ -27,7 +27,7 @@ pub fn run(arguments: &LoadArgs, form: Form) -> Result<Answer, Failure> {
 
 fn load(client: &Client, source: SceneSource, arguments: &LoadArgs, form: Form) -> Result<Loaded, ClientError> {
     let mut meter = Meter::new(form);
-    client.load(source, arguments.name.as_deref(), &mut |note| meter.note(note))
+    client.load_as(source, arguments.name.as_deref(), &arguments.read.order(), &mut |note| meter.note(note))
 }
 
 /// The file as it is sent: under the same name that the daemon would have given it.

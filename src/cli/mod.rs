@@ -17,6 +17,7 @@ mod failure;
 mod generate;
 mod import_lines;
 mod in_process;
+mod inspect;
 mod interrupt;
 mod load;
 mod machine;
@@ -67,6 +68,7 @@ pub fn run(line: impl IntoIterator<Item = OsString>) -> ExitCode {
 fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
     match command {
         Command::Demo(arguments) => demo::run(arguments, form).map(Some),
+        Command::Inspect(arguments) => inspect::run(arguments, form).map(Some),
         Command::Serve(arguments) => serve::run(arguments).map(|()| None),
         Command::Load(arguments) => load::run(arguments, form).map(Some),
         Command::Plan(arguments) => plan::run(arguments, form).map(Some),

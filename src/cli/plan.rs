@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+use overfly_client::ReadOrder;
 use serde_json::{Value, json};
 
 use super::answer::{self, Answer, Form};
@@ -17,6 +18,7 @@ use super::shortfall::{self, Heights};
 use super::{daemon, import_lines, in_process, rig_file, settings_file};
 use crate::mission::run_json::Engine;
 use crate::planner::{self, Objective, PlanOptions, StopToken};
+use crate::scene::ENDINGS;
 use crate::trajectory::plan::{Plan, StopReason};
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
@@ -34,11 +36,11 @@ pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
 /// A mistyped path must not be looked up among the loaded scenes.
 fn looks_like_path(scene: &str) -> bool {
     let lower = scene.to_lowercase();
-    scene.contains('/') || [".geojson", ".json", ".obj"].iter().any(|ending| lower.ends_with(ending))
+    scene.contains('/') || ENDINGS.iter().any(|ending| lower.ends_with(ending))
 }
 
 fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form: Form) -> Result<Answer, Failure> {
-    let settings = settings_file::settings(arguments.config.as_ref(), Some(&arguments.sizes))?;
+    let settings = settings_file::reading(arguments.config.as_ref(), Some(&arguments.sizes), &arguments.read)?;
     let settings = Arc::new(settings.clone().with_sight(planner::flown_rig(options, &settings).sight_scale()));
     settings.check()?;
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
@@ -218,6 +220,7 @@ fn refuse_file_options(arguments: &PlanArgs) -> Result<(), Failure> {
         ("--samples", arguments.sizes.samples.is_some()),
         ("--viewpoints", arguments.sizes.viewpoints.is_some()),
         ("--flown", arguments.en_route.flown.is_some()),
+        ("what says how a file is read", arguments.read.order() != ReadOrder::default()),
     ];
     match given.into_iter().find(|(_, is_given)| *is_given) {
         None => Ok(()),
@@ -225,7 +228,7 @@ fn refuse_file_options(arguments: &PlanArgs) -> Result<(), Failure> {
             "--flown is for a scene file; for a loaded scene the daemon knows the plan that it published last".into(),
         )),
         Some((option, _)) => Err(Failure::Usage(format!(
-            "there is no file {:?}, and {option} needs one: the settings of a loaded scene are the daemon's (`overfly serve --config FILE`)",
+            "there is no file {:?}, and {option} needs one: the settings of a loaded scene are the daemon's (`overfly serve --config FILE`, `overfly load FILE --help`)",
             arguments.scene
         ))),
     }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value};
 
-use super::arguments::SizeArgs;
+use super::arguments::{ReadArgs, SizeArgs};
 use super::failure::Failure;
 use crate::daemon;
 use crate::settings::Settings;
@@ -20,6 +20,12 @@ pub fn settings(file: Option<&PathBuf>, sizes: Option<&SizeArgs>) -> Result<Sett
     }
     settings.check()?;
     Ok(settings)
+}
+
+/// The same, for a file that is read as the command line says.
+pub fn reading(file: Option<&PathBuf>, sizes: Option<&SizeArgs>, read: &ReadArgs) -> Result<Settings, Failure> {
+    let settings = settings(file, sizes)?;
+    daemon::read_as(&read.order(), &settings).map_err(|refusal| Failure::Usage(refusal.message))
 }
 
 /// The settings that are not the built-in ones for cameras of the same sight, by section and key.

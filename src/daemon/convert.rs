@@ -5,7 +5,8 @@ use std::sync::Arc;
 use geo::{Coord, LineString, MultiPolygon, Polygon};
 use nalgebra::Point3;
 use overfly_wire::{
-    EditOrder, FlightReport, PlanOrder, Refusal, RefusalCode, SceneChanges, ShapeOrder, StructureInfo, StructureKind, ZoneInfo,
+    EditOrder, FlightReport, PlanOrder, ReadOrder, Refusal, RefusalCode, SceneChanges, ShapeOrder, StructureInfo, StructureKind,
+    ZoneInfo,
 };
 
 use crate::camera::{Rig, direction_of};
@@ -13,6 +14,7 @@ use crate::planner::{EnRoute, Method, Objective, PlanError, PlanOptions};
 use crate::scene::edit::{Edit, EditError};
 use crate::scene::update::Changes;
 use crate::scene::{NoFlyZone, Scene, Shape, Structure, StructureId, ZoneSource};
+use crate::settings::{MissingHeights, Settings, UpAxis};
 
 /// Refuses an order for a rig, method or view that does not exist, before it costs anybody a search.
 pub fn check_plan(order: &PlanOrder) -> Result<(), Refusal> {
@@ -45,6 +47,29 @@ pub fn plan_options(order: &PlanOrder) -> Result<PlanOptions, Refusal> {
     };
     options.check().map_err(|error| refusal(&error))?;
     Ok(options)
+}
+
+/// The settings that a file is read by.
+pub fn read_as(order: &ReadOrder, settings: &Settings) -> Result<Settings, Refusal> {
+    let ReadOrder { epsg, up, unit_m, offset_m, lod, missing_heights, default_height_m } = order;
+    let mut settings = settings.clone();
+    let proxy = &mut settings.proxy;
+    let refusal = |error: String| Refusal::new(RefusalCode::Invalid, error);
+    if let Some(name) = up {
+        proxy.up =
+            UpAxis::parse(name).ok_or_else(|| refusal(format!("{name:?} is no axis that points up; give y, z or file")))?;
+    }
+    if let Some(name) = missing_heights {
+        let unknown = || refusal(format!("{name:?} is no way to deal with unknown heights; give neighbours, constant or drop"));
+        proxy.missing_heights = MissingHeights::parse(name).ok_or_else(unknown)?;
+    }
+    proxy.epsg = epsg.unwrap_or(proxy.epsg);
+    proxy.unit_m = unit_m.unwrap_or(proxy.unit_m);
+    proxy.offset_m = offset_m.unwrap_or(proxy.offset_m);
+    proxy.lod = lod.unwrap_or(proxy.lod);
+    proxy.default_height_m = default_height_m.unwrap_or(proxy.default_height_m);
+    settings.check().map_err(|error| refusal(error.to_string()))?;
+    Ok(settings)
 }
 
 /// An aircraft that has reported itself. What it has captured is not in its report.

@@ -34,6 +34,7 @@ use overfly_wire::service::ServiceError;
 use overfly_wire::{Domain, LockError};
 
 pub use configuration::{ConfigurationError, read as read_configuration};
+pub use convert::read_as;
 
 use crate::settings::Settings;
 

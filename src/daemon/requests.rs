@@ -3,12 +3,13 @@
 use std::ffi::OsString;
 use std::os::unix::ffi::OsStringExt;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use overfly_table::Block;
 use overfly_wire::codec;
 use overfly_wire::frame::{self, Limits};
-use overfly_wire::{EditOrder, FlightReport, Header, Kind, PlanOrder, Refusal, RefusalCode, Reply, Request, Status};
+use overfly_wire::{EditOrder, FlightReport, Header, Kind, PlanOrder, ReadOrder, Refusal, RefusalCode, Reply, Request, Status};
 
 use super::convert;
 use super::edits::{self, Change, PendingEdit};
@@ -111,8 +112,10 @@ impl Daemon {
         tell(ports, ticket, &Reply::Acknowledged);
         self.changed = true;
         match request {
-            Request::LoadPath { path, name } => self.load(ticket, at(path), name),
-            Request::LoadBytes { file_name, name } => self.load(ticket, FileSource::Bytes { file_name, bytes: bulk }, name),
+            Request::LoadPath { path, name, order } => self.load(ticket, at(path), name, &order),
+            Request::LoadBytes { file_name, name, order } => {
+                self.load(ticket, FileSource::Bytes { file_name, bytes: bulk }, name, &order)
+            }
             Request::Plan { scene, order } => self.plan(ports, ticket, &scene, *order),
             Request::Edit { scene, edits } => self.edit(ports, ticket, &scene, edits, bytes),
             Request::UpdatePath { scene, path, dry_run } => self.update(ticket, scene, at(path), dry_run),
@@ -139,10 +142,11 @@ impl Daemon {
         }
     }
 
-    fn load(&mut self, ticket: Ticket, source: FileSource, name: Option<String>) -> Result<(), Refusal> {
+    fn load(&mut self, ticket: Ticket, source: FileSource, name: Option<String>, order: &ReadOrder) -> Result<(), Refusal> {
         self.check_room()?;
+        // A newer version of the file is read in the same way: the scene keeps these settings.
+        let settings = Arc::new(convert::read_as(order, &self.settings)?);
         let assignment = self.assign(Instant::now());
-        let settings = self.settings.clone();
         self.workshop.read(assignment.clone(), source, settings.clone(), None);
         self.reading.insert(assignment.job, Reading { ticket, purpose: Purpose::Load(name), settings, assignment });
         Ok(())

@@ -48,6 +48,9 @@ impl RawMesh {
     }
 }
 
+/// A ground that is no farther from zero is at zero, m.
+const ROUNDING_M: f64 = 1e-6;
+
 /// Coordinates beyond this are no metres.
 const FARTHEST_M: f64 = 1e8;
 
@@ -143,7 +146,7 @@ fn to_local(
     let [x, y] = if is_far { [middle.x, middle.y] } else { [0.0; 2] };
     let shift = match anchor {
         Some(anchor) => Vector3::from(anchor.mesh(file)?),
-        None => Vector3::new(x, y, bounds.min.z),
+        None => Vector3::new(x, y, if bounds.min.z.abs() < ROUNDING_M { 0.0 } else { bounds.min.z }),
     };
     report.anchor = Some(Anchor::Mesh { origin_m: shift.into() });
     if shift != Vector3::zeros() {

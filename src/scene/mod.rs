@@ -48,6 +48,6 @@ pub mod free_space;
 pub use bounds::Bounds;
 pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle, ZoneSource};
-pub use read::{ImportError, read, read_anchored};
-pub use report::{ImportReport, ItemKind, Place, ReportItem};
+pub use read::{ENDINGS, ImportError, KNOWN_FORMATS, read, read_anchored};
+pub use report::{ImportReport, ItemKind, Meaning, Place, ReportItem};
 pub use write::to_geojson;

@@ -5,8 +5,9 @@
 
 use std::collections::{HashMap, HashSet};
 use std::io::Cursor;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use geo::Coord;
+use geo::{Area, Coord, LineString, Polygon};
 use osmpbf::{Element, ElementReader, RelMemberType};
 use serde_json::{Map, Value};
 
@@ -36,8 +37,11 @@ pub(crate) fn read(
 ) -> Result<(Scene, ImportReport), ImportError> {
     let mut found = Buildings::default();
     for pass in [Buildings::relation, Buildings::way, Buildings::node] {
-        let read = ElementReader::new(Cursor::new(bytes)).for_each(|element| pass(&mut found, &element));
-        read.map_err(|error| ImportError::Pbf { file: file.into(), what: tidy(&error.to_string()) })?;
+        let damaged = |what: &str| ImportError::Pbf { file: file.into(), what: tidy(what) };
+        // The decoder panics where a number stands for a kind of member that there is not.
+        let reading = AssertUnwindSafe(|| ElementReader::new(Cursor::new(bytes)).for_each(|element| pass(&mut found, &element)));
+        let read = catch_unwind(reading).map_err(|_| damaged("a member of a relation is of no kind that there is"))?;
+        read.map_err(|error| damaged(&error.to_string()))?;
         let buildings = found.relations.len() + found.ways.len();
         if buildings > MOST_FEATURES || found.corners > MOST_CORNERS {
             return Err(ImportError::TooManyFeatures { file: file.into(), features: buildings, most: MOST_FEATURES });
@@ -124,7 +128,7 @@ impl Buildings {
             feature(
                 format!("way/{id}"),
                 properties,
-                vec![vec![ring]],
+                polygons(vec![ring], Vec::new()),
                 (missing > 0).then(|| format!("{missing} of its nodes are not in the file")),
             )
         };
@@ -196,19 +200,28 @@ fn rings(ways: &[i64], nodes_of: &HashMap<i64, Vec<i64>>) -> (Vec<Vec<i64>>, usi
     (rings, gaps)
 }
 
+/// A ring as footprints have it: the ways of OpenStreetMap run as they were drawn.
+fn wound(mut ring: Vec<Coord<f64>>, is_hole: bool) -> Vec<Coord<f64>> {
+    let area = Polygon::new(LineString(ring.clone()), Vec::new()).signed_area();
+    if area < 0.0 && !is_hole || area > 0.0 && is_hole {
+        ring.reverse();
+    }
+    ring
+}
+
 /// Polygons of outer rings, each with the inner rings that begin within it.
 fn polygons(outer: Vec<Vec<Coord<f64>>>, inner: Vec<Vec<Coord<f64>>>) -> Vec<RawPolygon> {
-    let mut polygons: Vec<RawPolygon> = outer.into_iter().map(|ring| vec![ring]).collect();
+    let mut polygons: Vec<RawPolygon> = outer.into_iter().map(|ring| vec![wound(ring, false)]).collect();
     for hole in inner {
         let Some(corner) = hole.first() else { continue };
         let around = polygons.iter_mut().find(|rings| is_within(&rings[0], corner));
-        around.into_iter().for_each(|rings| rings.push(hole.clone()));
+        around.into_iter().for_each(|rings| rings.push(wound(hole.clone(), true)));
     }
     polygons
 }
 
 fn is_within(ring: &[Coord<f64>], corner: &Coord<f64>) -> bool {
-    use geo::{Intersects, LineString, Polygon};
+    use geo::Intersects;
     Polygon::new(LineString(ring.to_vec()), Vec::new()).intersects(corner)
 }
 

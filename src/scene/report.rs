@@ -21,6 +21,22 @@ pub enum Format {
     Stl,
 }
 
+impl Format {
+    /// As people call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::GeoJson => "GeoJSON",
+            Self::CityJson => "CityJSON",
+            Self::CityJsonSeq => "CityJSON sequence",
+            Self::Gltf => "glTF",
+            Self::Obj => "OBJ",
+            Self::OsmPbf => "OpenStreetMap PBF",
+            Self::Ply => "PLY",
+            Self::Stl => "STL",
+        }
+    }
+}
+
 /// Everything that was not taken from the file as it stands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ImportReport {
@@ -128,6 +144,27 @@ pub enum ItemKind {
     WallsClosed,
     /// Faces turned outwards.
     FacesTurned,
+}
+
+/// What an item means for a flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Meaning {
+    /// The structure is as the file means it.
+    Repaired,
+    /// The structure may be taller than it is taken to be.
+    Guessed,
+    /// What stands there is not known of, and no flight avoids it.
+    Dropped,
+}
+
+impl ItemKind {
+    pub fn meaning(self) -> Meaning {
+        match self {
+            Self::HeightGuessed | Self::HeightDisagreement => Meaning::Guessed,
+            Self::NoGeometry | Self::Outlier | Self::PartsDropped | Self::HeightMissing => Meaning::Dropped,
+            _ => Meaning::Repaired,
+        }
+    }
 }
 
 const FIRST_OVERLAPS: usize = 10;

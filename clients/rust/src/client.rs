@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use overfly_wire::service::{LOOK_AGAIN, ServiceError};
 use overfly_wire::{
-    Domain, EditOrder, FlightReport, Loaded, PlanOrder, ProgressNote, RefusalCode, Reply, Request, Status, StructureInfo,
-    Updated, ZoneInfo,
+    Domain, EditOrder, FlightReport, Loaded, PlanOrder, ProgressNote, ReadOrder, RefusalCode, Reply, Request, Status,
+    StructureInfo, Updated, ZoneInfo,
 };
 
 use crate::error::ClientError;
@@ -76,10 +76,21 @@ impl Client {
         name: Option<&str>,
         on_progress: &mut dyn FnMut(&ProgressNote),
     ) -> Result<Loaded, ClientError> {
-        let name = name.map(str::to_owned);
+        self.load_as(source, name, &ReadOrder::default(), on_progress)
+    }
+
+    /// The same for a file that does not say itself how it is to be read.
+    pub fn load_as(
+        &self,
+        source: SceneSource,
+        name: Option<&str>,
+        order: &ReadOrder,
+        on_progress: &mut dyn FnMut(&ProgressNote),
+    ) -> Result<Loaded, ClientError> {
+        let (name, order) = (name.map(str::to_owned), Box::new(order.clone()));
         let (request, bulk) = match source {
-            SceneSource::Bytes { file_name, bytes } => (Request::LoadBytes { file_name, name }, bytes),
-            SceneSource::Path(path) => (Request::LoadPath { path: absolute(path)?, name }, Vec::new()),
+            SceneSource::Bytes { file_name, bytes } => (Request::LoadBytes { file_name, name, order }, bytes),
+            SceneSource::Path(path) => (Request::LoadPath { path: absolute(path)?, name, order }, Vec::new()),
         };
         match self.link.call(&request, &bulk, PATIENCE, on_progress)?.1 {
             Reply::Loaded(loaded) => Ok(loaded),

@@ -2,7 +2,7 @@
 //!
 //! ```no_run
 //! use std::time::Duration;
-//! use overfly_client::{Client, Domain, PlanOrder, SceneSource};
+//! use overfly_client::{Client, Domain, PlanOrder, ReadOrder, SceneSource};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let client = Client::connect(&Domain::new("overfly")?, Duration::from_secs(2))?;
@@ -31,8 +31,8 @@ pub use client::{Client, Edited, SceneSource};
 pub use error::ClientError;
 pub use field::FieldMap;
 pub use overfly_wire::{
-    Domain, DomainError, EditOrder, FlightReport, Loaded, PlanOrder, PlanSummary, ProgressNote, RefusalCode, SceneChanges,
-    SceneState, SceneStatus, ShapeOrder, Stage, Status, StructureInfo, StructureKind, Updated, ZoneInfo,
+    Domain, DomainError, EditOrder, FlightReport, Loaded, PlanOrder, PlanSummary, ProgressNote, ReadOrder, RefusalCode,
+    SceneChanges, SceneState, SceneStatus, ShapeOrder, Stage, Status, StructureInfo, StructureKind, Updated, ZoneInfo,
 };
 pub use plan::{PlanMessage, PlanWatch};
 pub use status::StatusFeed;

@@ -10,7 +10,7 @@ pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYMSG");
 /// Version of the header, the bodies and the services. Both sides must agree. Version 2 has orders with rig files and view directions, 3 those with goals, seconds and
 /// regions, 4 those with goals for matched views and objectives, 5 those with an overlap. Version 6 says how a plan differs from the one before it. Version 7 has
 /// edits that are made together, shapes, zones and updates. In version 8 aircraft report their flights.
-pub const SCHEMA: u32 = 8;
+pub const SCHEMA: u32 = 9;
 
 /// Who sent what, and how long it is.
 #[repr(C)]

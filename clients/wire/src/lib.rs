@@ -21,7 +21,7 @@ pub use domain::{Domain, DomainError, DomainLock, LockError};
 pub use en_route::FlightReport;
 pub use header::{Header, Kind, SCHEMA, WireBlock};
 pub use message::{
-    EditOrder, Loaded, PlanOrder, PlanSummary, ProgressNote, Refusal, RefusalCode, Reply, Request, SceneChanges, SceneState,
-    SceneStatus, ShapeOrder, Stage, Status, StructureInfo, StructureKind, Updated, ZoneInfo,
+    EditOrder, Loaded, PlanOrder, PlanSummary, ProgressNote, ReadOrder, Refusal, RefusalCode, Reply, Request, SceneChanges,
+    SceneState, SceneStatus, ShapeOrder, Stage, Status, StructureInfo, StructureKind, Updated, ZoneInfo,
 };
 pub use service::Ipc;

@@ -3,6 +3,7 @@
 mod check;
 mod edit;
 mod plan;
+mod read;
 mod reply;
 mod status;
 #[cfg(test)]
@@ -17,6 +18,7 @@ use self::check::{check_file_name, check_path};
 use self::edit::check_edits;
 pub use self::edit::{EditOrder, MAX_EDITS, MAX_MESH_TRIANGLES, MAX_MESH_VERTICES, OBSTACLE_SIDE_M, ShapeOrder};
 pub use self::plan::{MAX_ITERATIONS, MAX_RIG_FILE_BYTES, MAX_SECONDS, PlanOrder};
+pub use self::read::ReadOrder;
 pub use self::reply::{
     Loaded, ProgressNote, Refusal, RefusalCode, Reply, SceneChanges, Stage, StructureInfo, StructureKind, Updated, ZoneInfo,
 };
@@ -36,11 +38,13 @@ pub enum Request {
     LoadPath {
         path: Vec<u8>,
         name: Option<String>,
+        order: Box<ReadOrder>,
     },
     /// A scene file that follows as bulk; its name or, better, its absolute path tells its format and names the scene.
     LoadBytes {
         file_name: String,
         name: Option<String>,
+        order: Box<ReadOrder>,
     },
     Unload {
         scene: String,
@@ -103,12 +107,14 @@ impl Request {
     /// Judges the values of a request that was decoded; the error says what is wrong and what is allowed.
     pub fn check(&self) -> Result<(), Refusal> {
         match self {
-            Request::LoadPath { path, name } => {
+            Request::LoadPath { path, name, order } => {
                 check_path(path)?;
+                order.check()?;
                 name.as_deref().map_or(Ok(()), check_scene_name)
             }
-            Request::LoadBytes { file_name, name } => {
+            Request::LoadBytes { file_name, name, order } => {
                 check_file_name(file_name)?;
+                order.check()?;
                 name.as_deref().map_or(Ok(()), check_scene_name)
             }
             Request::Plan { scene, order } => {

@@ -103,7 +103,12 @@ fn values_that_make_no_sense_are_refused_with_a_remedy() {
         plan(PlanOrder { start_view_deg: Some([0.0, f64::NAN]), ..order() }),
         plan(PlanOrder { start_view_deg: Some([0.0, 91.0]), ..order() }),
         Request::Locate { scene: "a/b".into() },
-        Request::LoadPath { path: b"relative".to_vec(), name: None },
+        Request::LoadPath { path: b"relative".to_vec(), name: None, order: Box::default() },
+        Request::LoadPath {
+            path: b"/a".to_vec(),
+            name: None,
+            order: Box::new(ReadOrder { unit_m: Some(f64::NAN), ..Default::default() }),
+        },
     ];
     for request in faults {
         let refusal = request.check().unwrap_err();

@@ -1,0 +1,118 @@
+//! Each reader is given damaged files for a while: it neither panics nor takes memory without end, and what it accepts is sound.
+//!
+//! `OVERFLY_FUZZ_S` says for how many seconds each reader is given some; without it for one. Files come from a fixed seed, so that longer runs go on where
+//! shorter ones end.
+
+mod scene_files;
+
+use std::time::{Duration, Instant};
+
+use overfly::scene::{BlockSettings, generate_block, read, to_geojson};
+use overfly::settings::Settings;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+/// Numbers that are often wrong.
+const WORDS: [&[u8]; 8] = [b"4294967295", b"-1", b"1e308", b"NaN", &[0xff; 4], &[0; 8], &[0xff, 0xff, 0xff, 0x7f], b"[[[[[[[["];
+
+fn seconds() -> f64 {
+    std::env::var("OVERFLY_FUZZ_S").ok().and_then(|text| text.parse().ok()).unwrap_or(1.0)
+}
+
+/// Damages a sound file again and again and reads it.
+fn fuzz(name: &str, sound: &[u8]) {
+    let proxy = &Settings::default().proxy;
+    read(name, sound, proxy).unwrap_or_else(|error| panic!("{error}"));
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let end = Instant::now() + Duration::from_secs_f64(seconds());
+    let (mut files, mut scenes) = (0u64, 0u64);
+    while Instant::now() < end {
+        let mut bytes = sound.to_vec();
+        for _ in 0..=random.next_u32() % 4 {
+            damage(&mut bytes, &mut random);
+        }
+        files += 1;
+        if let Ok((scene, report)) = read(name, &bytes, proxy) {
+            scenes += 1;
+            assert!(!scene.structures.is_empty() && !report.summary().is_empty());
+            let corners = scene.structures.iter().flat_map(|structure| structure.triangles()).flatten();
+            assert!(corners.flat_map(|corner| [corner.x, corner.y, corner.z]).all(f64::is_finite));
+        }
+    }
+    println!("{name}: {files} files, {scenes} of them scenes");
+    assert!(files > 0);
+}
+
+fn damage(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    let mut below = |most: usize| random.next_u64() as usize % most.max(1);
+    let at = below(bytes.len());
+    match below(6) {
+        0 => bytes.truncate(at),
+        1 if !bytes.is_empty() => bytes[at] ^= 1 << below(8),
+        2 if !bytes.is_empty() => bytes[at] = below(256) as u8,
+        3 => {
+            let word = WORDS[below(WORDS.len())];
+            let end = (at + word.len()).min(bytes.len());
+            bytes.splice(at..end, word.iter().copied());
+        }
+        4 => {
+            let end = (at + below(64)).min(bytes.len());
+            bytes.drain(at..end);
+        }
+        _ => {
+            let end = (at + below(64)).min(bytes.len());
+            let again = bytes[at..end].to_vec();
+            let to = below(bytes.len() + 1);
+            bytes.splice(to..to, again);
+        }
+    }
+}
+
+#[test]
+fn geojson() {
+    let settings = BlockSettings { buildings: 4, extent_m: [90.0, 90.0], ..Default::default() };
+    fuzz("a.geojson", to_geojson(&generate_block(&settings)).as_bytes());
+}
+
+#[test]
+fn cityjson() {
+    let sequence = scene_files::sequence();
+    let whole = String::from_utf8(sequence).unwrap();
+    let feature = whole.lines().nth(1).unwrap();
+    let head = whole.lines().next().unwrap();
+    // The same building in a file of its own.
+    let mut city: serde_json::Value = serde_json::from_str(head).unwrap();
+    let feature: serde_json::Value = serde_json::from_str(feature).unwrap();
+    (city["CityObjects"], city["vertices"]) = (feature["CityObjects"].clone(), feature["vertices"].clone());
+    fuzz("a.city.json", city.to_string().as_bytes());
+}
+
+#[test]
+fn cityjson_sequence() {
+    fuzz("a.city.jsonl", &scene_files::sequence());
+}
+
+#[test]
+fn obj() {
+    fuzz("a.obj", b"o a\nv 0 0 0\nv 10 0 0\nv 0 10 0\nv 3 3 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\ng b\nf -1/2/3 -2//1 -3\n");
+}
+
+#[test]
+fn ply() {
+    fuzz("a.ply", &scene_files::ply());
+}
+
+#[test]
+fn stl() {
+    fuzz("a.stl", &scene_files::stl());
+}
+
+#[test]
+fn gltf() {
+    fuzz("a.glb", &scene_files::glb());
+}
+
+#[test]
+fn osm_pbf() {
+    fuzz("a.osm.pbf", &scene_files::extract());
+}

@@ -5,7 +5,6 @@
 
 use std::collections::{HashMap, HashSet};
 use std::io::Cursor;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use geo::{Area, Coord, LineString, Polygon};
 use osmpbf::{Element, ElementReader, RelMemberType};
@@ -37,11 +36,8 @@ pub(crate) fn read(
 ) -> Result<(Scene, ImportReport), ImportError> {
     let mut found = Buildings::default();
     for pass in [Buildings::relation, Buildings::way, Buildings::node] {
-        let damaged = |what: &str| ImportError::Pbf { file: file.into(), what: tidy(what) };
-        // The decoder panics where a number stands for a kind of member that there is not.
-        let reading = AssertUnwindSafe(|| ElementReader::new(Cursor::new(bytes)).for_each(|element| pass(&mut found, &element)));
-        let read = catch_unwind(reading).map_err(|_| damaged("a member of a relation is of no kind that there is"))?;
-        read.map_err(|error| damaged(&error.to_string()))?;
+        let read = ElementReader::new(Cursor::new(bytes)).for_each(|element| pass(&mut found, &element));
+        read.map_err(|error| ImportError::Pbf { file: file.into(), what: tidy(&error.to_string()) })?;
         let buildings = found.relations.len() + found.ways.len();
         if buildings > MOST_FEATURES || found.corners > MOST_CORNERS {
             return Err(ImportError::TooManyFeatures { file: file.into(), features: buildings, most: MOST_FEATURES });

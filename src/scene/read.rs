@@ -82,6 +82,8 @@ pub enum ImportError {
         "{file}: the OpenStreetMap extract is damaged: {what}; it may be cut off: fetch or cut it out again, for example with `osmium extract`"
     )]
     Pbf { file: String, what: String },
+    #[error("{file}: the file contradicts itself, so that it cannot be decoded; it is damaged: fetch or export it again")]
+    Undecodable { file: String },
     #[error("{file}: line {line}: {what}; correct the line or export the file again")]
     Line { file: String, line: usize, what: String },
     #[error(
@@ -131,7 +133,7 @@ fn read_format(
     if matches!(first, b'{' | b'[') {
         return match json_kind(file_name, bytes)? {
             JsonKind::Sequence => cityjson::read_sequence(file_name, bytes, settings, anchor),
-            JsonKind::Gltf => gltf_file::read(file_name, bytes, settings, anchor),
+            JsonKind::Gltf => guarded(gltf_file::read, file_name, bytes, settings, anchor),
             JsonKind::Typed(kind) if kind == "CityJSON" => cityjson::read(file_name, bytes, settings, anchor),
             JsonKind::Typed(kind) if kind == "CityJSONFeature" => {
                 Err(ImportError::UnknownFormat { file, found: "a CityJSON sequence without its first line".into() })
@@ -139,7 +141,6 @@ fn read_format(
             JsonKind::Typed(_) => geojson::read(file_name, bytes, settings, anchor),
         };
     }
-    type Reader = fn(&str, &[u8], &ProxySettings, Option<&Anchor>) -> Result<(Scene, ImportReport), ImportError>;
     let lower = file_name.to_lowercase();
     let reader: Option<Reader> = match () {
         () if bytes.starts_with(b"glTF") => Some(gltf_file::read),
@@ -149,7 +150,7 @@ fn read_format(
         () => None,
     };
     if let Some(reader) = reader {
-        return reader(file_name, bytes, settings, anchor);
+        return guarded(reader, file_name, bytes, settings, anchor);
     }
     if let Some(found) = foreign_format(bytes) {
         return Err(ImportError::UnknownFormat { file, found: found.into() });
@@ -164,6 +165,21 @@ fn read_format(
         json_kind(file_name, bytes)?;
     }
     Err(ImportError::UnknownFormat { file, found: "of no format that is known by its content".into() })
+}
+
+type Reader = fn(&str, &[u8], &ProxySettings, Option<&Anchor>) -> Result<(Scene, ImportReport), ImportError>;
+
+/// Reads by a decoder that is not ours. Some panic on damaged files: that of OpenStreetMap extracts on an unknown kind of member, that of glTF on an accessor
+/// that there is not.
+fn guarded(
+    reader: Reader,
+    file_name: &str,
+    bytes: &[u8],
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<(Scene, ImportReport), ImportError> {
+    let read = std::panic::catch_unwind(|| reader(file_name, bytes, settings, anchor));
+    read.unwrap_or_else(|_| Err(ImportError::Undecodable { file: file_name.into() }))
 }
 
 /// The name of a scene: the last part of its path without the endings of the known formats, or the folder's name where the file's

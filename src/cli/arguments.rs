@@ -1,6 +1,7 @@
 //! What can be said on the command line.
 
 mod edit;
+mod export;
 mod measuring;
 
 use std::path::PathBuf;
@@ -8,6 +9,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::edit::{Change, EditArgs, ShapeArgs, UpdateArgs};
+pub use self::export::{ExportArgs, Format};
 pub use self::measuring::{BenchArgs, BoundArgs, ReproduceArgs, Subject};
 use super::en_route::EnRouteArgs;
 use super::values::{self, Degrees2, Meters2, Meters3, Outline};
@@ -62,6 +64,8 @@ pub enum Command {
     Plan(Box<PlanArgs>),
     /// Predict Error and Completeness of a plan's images, on its own scene or on another
     Evaluate(EvaluateArgs),
+    /// Write a plan as files for ground stations, drones' apps and reconstruction software
+    Export(Box<ExportArgs>),
     /// Change structures or no-fly zones of a loaded scene and receive the new plan
     Edit(EditArgs),
     /// Change what differs between a loaded scene and a new version of its file, and receive the new plan

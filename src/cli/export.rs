@@ -316,9 +316,6 @@ fn remarks(format: Format, course: &Course) -> Vec<String> {
                     course.rig
                 ));
             }
-            if longest > dji::MOST_WAYPOINTS {
-                remarks.push(format!("a sortie has {longest} waypoints, and DJI's WPML holds {}", dji::MOST_WAYPOINTS));
-            }
         }
         Format::Litchi if longest > litchi::MANY_WAYPOINTS => remarks.push(format!(
             "a sortie has {longest} waypoints, and for many aircraft Litchi takes {}; shorter sorties have fewer (`--sortie-time`)",

@@ -103,9 +103,12 @@ impl Failure {
                 Kind::InputFile
             }
             Failure::Course(CourseError::NoPlace { .. } | CourseError::FarHome { .. }) => Kind::Usage,
-            Failure::Course(CourseError::NoGeoreference { .. } | CourseError::TooFewWaypoints { .. } | CourseError::NoLimits) => {
-                Kind::InputFile
-            }
+            Failure::Course(
+                CourseError::NoGeoreference { .. }
+                | CourseError::TooFewWaypoints { .. }
+                | CourseError::TooManyWaypoints { .. }
+                | CourseError::NoLimits,
+            ) => Kind::InputFile,
             Failure::Course(_) => Kind::NoPlan,
             Failure::Field(_) | Failure::Plan(_) | Failure::Bound(_) | Failure::Rig(_) => Kind::NoPlan,
             Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,

@@ -159,6 +159,8 @@ pub enum CourseError {
     NoGeoreference { scene: String },
     #[error("the plan has {count} waypoint(s), and a mission needs two at different places; plan the flight again")]
     TooFewWaypoints { count: usize },
+    #[error("the plan has {count} waypoints, more than a mission can hold ({most})")]
+    TooManyWaypoints { count: usize, most: usize },
     #[error("the plan does not say how fast it is flown (`limits`); plan the flight again with this version")]
     NoLimits,
     #[error(
@@ -180,6 +182,8 @@ pub enum CourseError {
     Obstructed { what: String, obstruction: Obstruction, remedy: &'static str },
 }
 
+/// Missions number their waypoints with 16 bits; a few are for the ways out and home.
+const MOST_WAYPOINTS: usize = 65_000;
 /// Times are compared to within rounding, s.
 const TOLERANCE_S: f64 = 1e-6;
 /// Waypoints that lie nearer together than this are one, m.
@@ -203,6 +207,9 @@ impl Course {
         let kept = distinct(plan);
         if kept.len() < 2 {
             return Err(CourseError::TooFewWaypoints { count: kept.len() });
+        }
+        if kept.len() > MOST_WAYPOINTS {
+            return Err(CourseError::TooManyWaypoints { count: kept.len(), most: MOST_WAYPOINTS });
         }
         let limits = plan.limits.ok_or(CourseError::NoLimits)?;
         let legs = Legs::new(plan, kept, &limits);

@@ -23,8 +23,6 @@ const LEAST_DAMPING_M: f64 = 0.2;
 const MOST_OF_LEG: f64 = 0.495;
 /// A trigger goes on over legs whose images are planned so far apart, as a share of its own distance.
 const SAME_SPACING: [f64; 2] = [0.98, 1.18];
-/// Most waypoints of a wayline.
-pub const MOST_WAYPOINTS: usize = 65_535;
 
 /// Which aircraft a rig stands for: its enumeration value and, where it has one, its kind, and the payload's.
 struct Aircraft {

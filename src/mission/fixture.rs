@@ -26,6 +26,27 @@ pub fn corners(count: Range<usize>) -> impl Strategy<Value = Vec<[f64; 3]>> {
     prop::collection::vec(corner, count).prop_filter("two places", |corners| corners[0] != corners[1])
 }
 
+/// Corners of a path with all that makes writers stumble: places twice, steps of millimetres and decimetres, straight lines, climbs, hairpins.
+pub fn rough_corners(count: Range<usize>) -> impl Strategy<Value = Vec<[f64; 3]>> {
+    let step = prop_oneof![
+        Just([0.0, 0.0, 0.0]),
+        Just([0.0004, 0.0, 0.0]),
+        Just([0.3, 0.1, 0.0]),
+        Just([20.0, 0.0, 0.0]),
+        Just([-20.0, 0.0, 0.0]),
+        Just([0.0, 0.0, 7.0]),
+        [-60.0..60.0f64, -60.0..60.0, -5.0..9.0],
+    ];
+    prop::collection::vec(step, count).prop_map(|steps| {
+        let mut at = [0.0, 0.0, 40.0];
+        let follow = |step: [f64; 3]| {
+            at = [at[0] + step[0], at[1] + step[1], (at[2] + step[2]).clamp(5.0, 110.0)];
+            at
+        };
+        [[0.0, 0.0, 40.0], [15.0, 5.0, 40.0]].into_iter().chain(steps.into_iter().map(follow)).collect()
+    })
+}
+
 /// The plan of a path with images all along it.
 pub fn plan(rig: &str, corners: &[[f64; 3]]) -> Plan {
     let rig = Rig::preset(rig).expect("a preset");

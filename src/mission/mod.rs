@@ -27,3 +27,5 @@ pub mod footprints;
 
 #[cfg(test)]
 mod fixture;
+#[cfg(test)]
+mod tests;

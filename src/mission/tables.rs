@@ -91,7 +91,10 @@ fn prior(plan: &Plan, which: Which, name: &str, axes: [&str; 3], angles: [&str; 
             None => fields.extend(p.iter().map(|value| format!("{value:.4}"))),
         }
         if let Some(attitude) = Attitude::of(picture.image).filter(|_| is_turned) {
-            fields.extend([attitude.yaw_deg, attitude.pitch_deg, attitude.roll_deg].map(|value| format!("{:.4}", value + 0.0)));
+            // Adding zero turns what has been rounded to minus zero into zero.
+            let rounded = |value: f64| (value * 1e4).round() / 1e4 + 0.0;
+            fields
+                .extend([attitude.yaw_deg, attitude.pitch_deg, attitude.roll_deg].map(|value| format!("{:.4}", rounded(value))));
         }
         fields
     };

@@ -309,14 +309,10 @@ fn remarks(format: Format, course: &Course) -> Vec<String> {
                 ));
             }
         }
-        Format::Dji => {
-            if !dji::knows(&course.rig) {
-                remarks.push(format!(
-                    "DJI's WPML has no name for the aircraft of the rig {:?}: the file says Mavic 3 Enterprise; choose your own in Pilot 2",
-                    course.rig
-                ));
-            }
-        }
+        Format::Dji if !dji::knows(&course.rig) => remarks.push(format!(
+            "DJI's WPML has no name for the aircraft of the rig {:?}: the file says Mavic 3 Enterprise; choose your own in Pilot 2",
+            course.rig
+        )),
         Format::Litchi if longest > litchi::MANY_WAYPOINTS => remarks.push(format!(
             "a sortie has {longest} waypoints, and for many aircraft Litchi takes {}; shorter sorties have fewer (`--sortie-time`)",
             litchi::MANY_WAYPOINTS

@@ -22,6 +22,9 @@ ceiling_m = 500.0
 """
 
 
+GROUND_M = 12.5
+
+
 class Differences:
     """What was compared, and what did not agree."""
 
@@ -50,11 +53,17 @@ class Flight:
         if not scene.exists():
             settings.write_text(SETTINGS)
             run(binary, "generate", "--seed", "7", "--extent", "150,150", "--buildings", "12", "--out", scene)
+            # Ground above zero, so that relative and absolute heights differ.
+            town = json.loads(scene.read_text())
+            town["overfly_origin"]["alt_m"] = GROUND_M
+            scene.write_text(json.dumps(town))
         few = ["--samples", "200", "--viewpoints", "250", "--iterations", "5", "--config", settings]
         run(binary, "plan", scene, "--rig", rig, *few, "--out", self.folder)
         self.plan = json.loads((self.folder / "plan.json").read_text())
         origin = self.plan["scene"]["origin"]
         self.ground_m = origin["alt_m"]
+        if self.ground_m != GROUND_M:
+            raise SystemExit(f"ERROR: the plan's ground lies at {self.ground_m} m and not at {GROUND_M} m as that of its scene")
         self.to_enu = pyproj.Transformer.from_pipeline(
             "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84 "
             f"+lon_0={origin['lon_deg']} +lat_0={origin['lat_deg']} +h_0={origin['alt_m']}"

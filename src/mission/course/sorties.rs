@@ -2,8 +2,9 @@
 
 use nalgebra::Point3;
 
-use super::{CourseError, CourseOptions, Legs, transit};
-use crate::scene::free_space::FreeSpace;
+use super::legs::Legs;
+use super::{CourseError, CourseOptions, transit};
+use crate::scene::free_space::{FreeSpace, Obstruction};
 use crate::trajectory::limits::Limits;
 
 /// Vertical speeds that the ways out and home are timed with: those that ArduPilot has by default, slower than PX4's and DJI's.
@@ -17,7 +18,7 @@ pub struct Reach {
     out_s: Vec<f64>,
     home_s: Vec<f64>,
     /// What is in the way between the waypoint and the take-off place.
-    obstructions: Vec<Option<crate::scene::free_space::Obstruction>>,
+    obstructions: Vec<Option<Obstruction>>,
     /// Time that coming to rest, or starting from it, takes longer than passing, at most, s.
     stop_s: f64,
 }

@@ -130,6 +130,13 @@ fn the_ways_out_and_home_keep_clear_of_all_that_stands() {
             assert!(free.clearance.segment_distance_m(&a, &b, 100.0) >= free.safety_distance_m);
         }
     }
+    // A low path beside the block still goes home above all of it.
+    let mut low_plan = self::plan("panoramic", &[[-40.0, -95.0, 12.0], [40.0, -95.0, 12.0]]);
+    low_plan.scene.origin = scene.frame.origin;
+    let low_course = Course::new(&low_plan, Some(&free), &CourseOptions::default()).unwrap();
+    assert!(low_course.transit_m >= top_m + free.safety_distance_m && top_m > 20.0, "{} m", low_course.transit_m);
+    let unaware = Course::new(&low_plan, None, &CourseOptions::default()).unwrap();
+    assert!(unaware.transit_m < 20.0 && unaware.notes.iter().any(|note| note.contains("the scene is not known")));
     // In the middle of a building nobody takes off.
     let building = scene.structures.iter().map(|structure| structure.bounds()).find(|bounds| bounds.min.z <= 0.0).unwrap();
     let inside = scene.frame.geodetic_from_local(&nalgebra::center(&building.min, &building.max)).unwrap();

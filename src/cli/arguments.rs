@@ -1,6 +1,7 @@
 //! What can be said on the command line.
 
 mod edit;
+mod export;
 mod measuring;
 mod reading;
 
@@ -9,6 +10,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::edit::{Change, EditArgs, ShapeArgs, UpdateArgs};
+pub use self::export::{ExportArgs, Format};
 pub use self::measuring::{BenchArgs, BoundArgs, ReproduceArgs, Subject};
 pub use self::reading::{InspectArgs, ReadArgs};
 use super::en_route::EnRouteArgs;
@@ -66,6 +68,8 @@ pub enum Command {
     Plan(Box<PlanArgs>),
     /// Predict Error and Completeness of a plan's images, on its own scene or on another
     Evaluate(EvaluateArgs),
+    /// Write a plan as files for ground stations, drones' apps and reconstruction software
+    Export(Box<ExportArgs>),
     /// Change structures or no-fly zones of a loaded scene and receive the new plan
     Edit(EditArgs),
     /// Change what differs between a loaded scene and a new version of its file, and receive the new plan

@@ -141,13 +141,13 @@ fn notes(given: &Plan, truth: &Truth, flown: &Flown, settings: &Settings) -> Vec
     notes
 }
 
-fn read_plan_or_run(path: &Path) -> Result<Vec<u8>, Failure> {
+pub(super) fn read_plan_or_run(path: &Path) -> Result<Vec<u8>, Failure> {
     let remedy = "give the plan.json that `overfly plan --out DIR` has written";
     bounded_file::read(path, MOST_BYTES).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })
 }
 
 /// The `run.json` that stands beside a plan.
-fn run_file(plan_file: &Path) -> PathBuf {
+pub(super) fn run_file(plan_file: &Path) -> PathBuf {
     plan_file.with_file_name(match plan_file.file_stem().map(|stem| stem.to_string_lossy().into_owned()) {
         Some(stem) if stem != "plan" => format!("{stem}-run.json"),
         _ => "run.json".to_owned(),
@@ -155,7 +155,7 @@ fn run_file(plan_file: &Path) -> PathBuf {
 }
 
 /// Its content, or why there is none that belongs to the plan.
-fn read_run(run_file: &Path, plan: &Plan) -> Result<Value, String> {
+pub(super) fn read_run(run_file: &Path, plan: &Plan) -> Result<Value, String> {
     let text = read_plan_or_run(run_file).map_err(|failure| match failure {
         Failure::Read { cause, .. } => cause.to_string(),
         other => other.to_string(),
@@ -178,7 +178,7 @@ fn read_as_before(mut settings: Settings, run: &Value) -> Settings {
 }
 
 /// The scene file that it names.
-fn scene_file(run: &Value) -> Result<PathBuf, String> {
+pub(super) fn scene_file(run: &Value) -> Result<PathBuf, String> {
     let unnamed = || "it names no scene file, as for a scene that a daemon holds".to_owned();
     let named = run["scene_file"].as_str().ok_or_else(unnamed)?;
     let file = PathBuf::from(named);
@@ -247,7 +247,7 @@ fn figures(report: &Report) -> Vec<Vec<String>> {
 }
 
 impl ImageChoice {
-    fn which(self) -> Which {
+    pub(super) fn which(self) -> Which {
         match self {
             Self::All => Which::All,
             Self::Selected => Which::Selected,

@@ -9,6 +9,7 @@ use serde_json::json;
 use crate::bound::BoundError;
 use crate::camera::RigError;
 use crate::daemon::{ConfigurationError, DaemonError};
+use crate::mission::course::CourseError;
 use crate::mission::plan_read::PlanReadError;
 use crate::mission::svg::SvgError;
 use crate::planner::PlanError;
@@ -68,6 +69,8 @@ pub enum Failure {
     #[error(transparent)]
     PlanFile(#[from] PlanReadError),
     #[error(transparent)]
+    Course(#[from] CourseError),
+    #[error(transparent)]
     Misplaced(#[from] Misplaced),
     #[error("{plan:?} does not tell its scene ({run:?}: {cause}); give the scene file with `--truth`")]
     UnknownScene { plan: PathBuf, run: PathBuf, cause: String },
@@ -99,6 +102,14 @@ impl Failure {
             Failure::RigFile { .. } | Failure::PlanFile(_) | Failure::Misplaced(_) | Failure::UnknownScene { .. } => {
                 Kind::InputFile
             }
+            Failure::Course(CourseError::NoPlace { .. } | CourseError::FarHome { .. }) => Kind::Usage,
+            Failure::Course(
+                CourseError::NoGeoreference { .. }
+                | CourseError::TooFewWaypoints { .. }
+                | CourseError::TooManyWaypoints { .. }
+                | CourseError::NoLimits,
+            ) => Kind::InputFile,
+            Failure::Course(_) => Kind::NoPlan,
             Failure::Field(_) | Failure::Plan(_) | Failure::Bound(_) | Failure::Rig(_) => Kind::NoPlan,
             Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,
             Failure::Write { .. } | Failure::Print(_) | Failure::Drawing(_) | Failure::Unexpected(_) => Kind::Unexpected,

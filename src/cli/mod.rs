@@ -13,6 +13,7 @@ mod edit;
 mod edit_orders;
 mod en_route;
 mod evaluate;
+mod export;
 mod failure;
 mod generate;
 mod import_lines;
@@ -73,6 +74,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Load(arguments) => load::run(arguments, form).map(Some),
         Command::Plan(arguments) => plan::run(arguments, form).map(Some),
         Command::Evaluate(arguments) => evaluate::run(arguments, form).map(Some),
+        Command::Export(arguments) => export::run(arguments, form).map(Some),
         Command::Edit(arguments) => edit::run(arguments, form).map(Some),
         Command::Update(arguments) => update::run(arguments, form).map(Some),
         Command::Watch(arguments) => watch::run(arguments, form).map(|()| None),

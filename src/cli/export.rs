@@ -1,0 +1,384 @@
+//! `overfly export`: a plan as files for ground stations, drones' apps and reconstruction software.
+
+use std::collections::HashSet;
+use std::fs;
+use std::path::PathBuf;
+use std::time::UNIX_EPOCH;
+
+use clap::ValueEnum;
+use serde_json::{Value, json};
+
+use super::answer::{self, Answer, Form};
+use super::arguments::{ExportArgs, Format};
+use super::evaluate::{read_plan_or_run, read_run, run_file, scene_file};
+use super::failure::Failure;
+use super::interrupt::Interrupts;
+use super::outputs::Folder;
+use super::progress::Meter;
+use super::{in_process, settings_file};
+use crate::mission::course::{Altitudes, CameraMount, Course, CourseError, CourseOptions, Sortie};
+use crate::mission::mav_items::{self, Autopilot};
+use crate::mission::pictures::plain_name;
+use crate::mission::{colmap, coverage_model, dji, footprints, geojson, kml, litchi, plan_read, qgc, tables, waypoints};
+use crate::quality::{self, Quality, Truth};
+use crate::scene::Scene;
+use crate::scene::free_space::FreeSpace;
+use crate::session::FieldError;
+use crate::settings::Settings;
+use crate::stop::StopToken;
+use crate::trajectory::plan::{Plan, sight_scale};
+
+/// Formats of a plan that has no place on the Earth.
+const WITHOUT_GEOREFERENCE: &str = "csv, colmap, realitycapture, metashape, coverage-ply and coverage-glb need none";
+
+pub fn run(arguments: &ExportArgs, form: Form) -> Result<Answer, Failure> {
+    let settings = settings_file::settings(arguments.config.as_ref(), None)?;
+    let plan = plan_read::read(&arguments.plan.to_string_lossy(), &read_plan_or_run(&arguments.plan)?)?;
+    let settings = settings.with_sight(sight_scale(&plan.cameras));
+    settings.check()?;
+    let stop = StopToken::default();
+    let stopper = stop.clone();
+    let interrupts =
+        Interrupts::announced(form, "stopping: nothing is written; Ctrl-C again ends at once", move || stopper.stop());
+    let _folder = Folder::prepare(&arguments.out)?;
+    let mut export = Export::new(arguments, plan, &settings)?;
+    export.write_all(&stop, form)?;
+    drop(interrupts);
+    let files = export.put()?;
+    export.notes.iter().for_each(|note| form.remark(&format!("note: {note}")));
+    Ok(export.answer(&files))
+}
+
+/// What is to be written, and what it is made of.
+struct Export<'a> {
+    arguments: &'a ExportArgs,
+    settings: &'a Settings,
+    plan: Plan,
+    /// Without one, why.
+    scene: Result<Scene, String>,
+    course: Option<Course>,
+    /// What files are called by.
+    stem: String,
+    notes: Vec<String>,
+    /// By paths within the folder.
+    files: Vec<(PathBuf, Vec<u8>)>,
+}
+
+impl<'a> Export<'a> {
+    fn new(arguments: &'a ExportArgs, plan: Plan, settings: &'a Settings) -> Result<Self, Failure> {
+        let run_file = run_file(&arguments.plan);
+        let file = match &arguments.scene {
+            Some(file) => Ok(file.clone()),
+            None => read_run(&run_file, &plan).and_then(|run| scene_file(&run)).map_err(|cause| format!("{run_file:?}: {cause}")),
+        };
+        let scene = match file {
+            Ok(_) if !arguments.formats.iter().any(|format| needs_scene(*format)) => Err("nobody asked for it".to_owned()),
+            Ok(file) => Ok(in_process::read_scene(&file, settings)?.0),
+            Err(cause) => Err(cause),
+        };
+        let stem = plain_name(&plan.scene.name);
+        Ok(Self { arguments, settings, plan, scene, course: None, stem, notes: Vec::new(), files: Vec::new() })
+    }
+
+    /// Each wanted format once; of `all`, those that the plan allows.
+    fn write_all(&mut self, stop: &StopToken, form: Form) -> Result<(), Failure> {
+        let is_all = self.arguments.formats.contains(&Format::All);
+        let wanted: Vec<Format> = if is_all { Format::value_variants().to_vec() } else { self.arguments.formats.clone() };
+        let mut known = HashSet::new();
+        let (mut coverage, mut left_out) = (None, Vec::new());
+        for format in wanted.into_iter().filter(|format| *format != Format::All) {
+            if !known.insert(format) {
+                continue;
+            }
+            if stop.is_stopped() {
+                return Err(Failure::Interrupted);
+            }
+            if let Some(cause) = self.impossible(format) {
+                let is_asked = self.arguments.formats.contains(&format);
+                if is_asked {
+                    return Err(Failure::File(format!("{:?}: {}: {cause}", self.arguments.plan, name(format))));
+                }
+                left_out.push(format!("{} is left out: {cause}", name(format)));
+                continue;
+            }
+            match format {
+                Format::All => {}
+                Format::Qgc | Format::Ardupilot | Format::Dji | Format::Litchi => match self.write_mission(format) {
+                    Err(Failure::Course(error)) if !self.arguments.formats.contains(&format) => {
+                        left_out.push(format!("{} is left out: {error}", name(format)));
+                    }
+                    written => written?,
+                },
+                Format::CoveragePly | Format::CoverageGlb => {
+                    if coverage.is_none() {
+                        coverage = Some(self.coverage(stop, form)?);
+                    }
+                    if let Some((truth, quality)) = &coverage {
+                        self.write_coverage(format, truth, quality);
+                    }
+                }
+                _ => self.write_plan(format),
+            }
+        }
+        self.notes.extend(left_out);
+        Ok(())
+    }
+
+    /// Why the plan cannot be written so.
+    fn impossible(&self, format: Format) -> Option<String> {
+        let is_on_earth = self.plan.scene.origin.is_some();
+        let has_panoramas = self.plan.cameras.iter().any(|camera| camera.intrinsics.is_none())
+            || self.plan.images.iter().any(|image| image.direction.is_none());
+        let no_georeference = || {
+            let error = CourseError::NoGeoreference { scene: self.plan.scene.name.clone() };
+            Some(format!("{error}; {WITHOUT_GEOREFERENCE}"))
+        };
+        match format {
+            Format::Qgc
+            | Format::Ardupilot
+            | Format::Dji
+            | Format::Litchi
+            | Format::Kml
+            | Format::Geojson
+            | Format::Footprints
+                if !is_on_earth =>
+            {
+                no_georeference()
+            }
+            Format::Colmap if has_panoramas => Some(format!(
+                "the rig {:?} takes panoramas, which are no pinhole images; csv and realitycapture hold their places",
+                self.plan.rig
+            )),
+            Format::Footprints if has_panoramas => {
+                Some(format!("the rig {:?} takes panoramas, which show all of the ground", self.plan.rig))
+            }
+            Format::CoveragePly | Format::CoverageGlb => {
+                let cause = self.scene.as_ref().err()?;
+                Some(format!("what is captured needs the scene ({cause}); give its file with `--scene`"))
+            }
+            _ => None,
+        }
+    }
+
+    /// The plan in the scene's frame: they differ only where another file than the plan's own is given.
+    fn carried(&self, scene: &Scene) -> Result<Plan, Failure> {
+        let plan = quality::carried(&self.plan, scene);
+        let plan = plan.and_then(|plan| quality::check_reach(&plan, scene, self.settings.coverage.range_m).map(|()| plan));
+        plan.map_err(|misplaced| Failure::File(misplaced.to_string().replace("--truth", "--scene")))
+    }
+
+    /// The course of the plan, worked out once.
+    fn prepare_course(&mut self) -> Result<(), Failure> {
+        if self.course.is_some() {
+            return Ok(());
+        }
+        let options = CourseOptions {
+            reserve_percent: self.arguments.reserve,
+            sortie_s: self.arguments.sortie_time,
+            home: self.arguments.home.map(|home| home.0),
+            altitudes: self.arguments.altitude.into(),
+        };
+        let course = match &self.scene {
+            Ok(scene) => {
+                let plan = self.carried(scene)?;
+                let free = FreeSpace::new(scene, &self.settings.flight).map_err(FieldError::from)?;
+                Course::new(&plan, Some(&free), &options)?
+            }
+            Err(_) => Course::new(&self.plan, None, &options)?,
+        };
+        self.notes.extend(course.notes.iter().cloned());
+        self.course = Some(course);
+        Ok(())
+    }
+
+    fn write_mission(&mut self, format: Format) -> Result<(), Failure> {
+        self.prepare_course()?;
+        let Some(course) = &self.course else { return Ok(()) };
+        let made_ms = made_ms(self.arguments);
+        let autopilot: Autopilot = self.arguments.autopilot.into();
+        for sortie in &course.sorties {
+            let (ending, bytes) = match format {
+                Format::Qgc => (".plan", qgc::to_bytes(course, sortie, autopilot)),
+                Format::Ardupilot => (".waypoints", waypoints::to_bytes(course, sortie)),
+                Format::Dji => (".kmz", dji::to_bytes(course, sortie, made_ms)),
+                _ => ("-litchi.csv", litchi::to_bytes(course, sortie)),
+            };
+            self.files.push((format!("{}-{}{ending}", self.stem, sortie.number).into(), bytes));
+        }
+        self.notes.extend(remarks(format, course));
+        Ok(())
+    }
+
+    fn write_plan(&mut self, format: Format) {
+        let (plan, stem, which) = (&self.plan, &self.stem, self.arguments.images.which());
+        let named = |ending: &str, bytes: Vec<u8>| (PathBuf::from(format!("{stem}{ending}")), bytes);
+        let files: Vec<(PathBuf, Vec<u8>)> = match format {
+            Format::Kml => {
+                kml::to_bytes(plan, which, self.arguments.altitude.into()).map(|bytes| named(".kml", bytes)).into_iter().collect()
+            }
+            Format::Geojson => geojson::to_bytes(plan, which).map(|bytes| named(".geojson", bytes)).into_iter().collect(),
+            Format::Csv => {
+                vec![named("-images.csv", tables::images(plan, which)), named("-waypoints.csv", tables::waypoints(plan))]
+            }
+            Format::Realitycapture => vec![named("-realitycapture.csv", tables::reality_capture(plan, which))],
+            Format::Metashape => vec![named("-metashape.csv", tables::metashape(plan, which))],
+            Format::Footprints => {
+                footprints::to_bytes(plan, which).map(|bytes| named("-footprints.geojson", bytes)).into_iter().collect()
+            }
+            Format::Colmap => {
+                let folder = PathBuf::from(format!("{stem}-colmap"));
+                let files = colmap::to_files(plan, which).into_iter().flatten();
+                files.map(|(name, bytes)| (folder.join(name), bytes)).collect()
+            }
+            _ => Vec::new(),
+        };
+        self.files.extend(files);
+    }
+
+    /// What the images see of dense samples, as `overfly evaluate` looks at it.
+    fn coverage(&self, stop: &StopToken, form: Form) -> Result<(Truth, Quality), Failure> {
+        let scene = self.scene.as_ref().map_err(|cause| Failure::File(cause.clone()))?;
+        let plan = self.carried(scene)?;
+        let mut meter = Meter::new(form);
+        meter.keep_moving();
+        meter.stage("casting the rays of the images");
+        let stopped = |error| if error == FieldError::Stopped { Failure::Interrupted } else { Failure::Field(error) };
+        let truth = Truth::new(scene.clone(), self.settings, stop).map_err(stopped)?;
+        let shots = quality::shots(&plan, self.arguments.images.which());
+        let quality = quality::assess(&truth, &shots, self.settings, stop).ok_or(Failure::Interrupted)?;
+        Ok((truth, quality))
+    }
+
+    fn write_coverage(&mut self, format: Format, truth: &Truth, quality: &Quality) {
+        let (ending, bytes) = match format {
+            Format::CoveragePly => ("-coverage.ply", coverage_model::ply(truth, quality)),
+            _ => ("-coverage.glb", coverage_model::glb(truth, quality)),
+        };
+        self.files.push((format!("{}{ending}", self.stem).into(), bytes));
+    }
+
+    /// Writes what has been made; nothing stands in the folder before all of it is made.
+    fn put(&self) -> Result<Vec<PathBuf>, Failure> {
+        let put = |(name, bytes): &(PathBuf, Vec<u8>)| {
+            let path = self.arguments.out.join(name);
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder).map_err(|cause| Failure::write(folder, cause))?;
+            }
+            fs::write(&path, bytes).map_err(|cause| Failure::write(&path, cause))?;
+            Ok(path)
+        };
+        self.files.iter().map(put).collect()
+    }
+
+    fn answer(&self, files: &[PathBuf]) -> Answer {
+        let mut text = self.course.as_ref().map_or(String::new(), |course| sorties_table(course) + "\n");
+        text.push_str(&files.iter().map(|path| format!("wrote {}", path.display())).collect::<Vec<_>>().join("\n"));
+        let mut object = json!({
+            "scene": self.plan.scene.name,
+            "rig": self.plan.rig,
+            "notes": self.notes,
+            "files": files.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+        });
+        if let Some(course) = &self.course {
+            let home = &course.home.geodetic;
+            object["home"] = json!({ "lat_deg": home.lat_deg, "lon_deg": home.lon_deg, "alt_m": home.alt_m });
+            object["transit_m"] = course.transit_m.into();
+            object["trigger"] = json!(
+                course.trigger.map(|trigger| { json!({ "distance_m": trigger.distance_m, "interval_s": trigger.interval_s }) })
+            );
+            object["fences"] = json!(course.fences.iter().map(|fence| &fence.name).collect::<Vec<_>>());
+            object["sorties"] = course.sorties.iter().map(sortie_json).collect();
+        }
+        Answer { text, json: object }
+    }
+}
+
+/// What a reader of a mission file has to know of its format.
+fn remarks(format: Format, course: &Course) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let is_absolute = course.altitudes == Altitudes::Absolute;
+    let longest = course.sorties.iter().map(|sortie| sortie.stops.len() + 2).max().unwrap_or(0);
+    match format {
+        Format::Ardupilot => {
+            let items = |sortie: &Sortie| mav_items::items(course, sortie, Autopilot::ArduPilot).len();
+            let most = course.sorties.iter().map(items).max().unwrap_or(0);
+            if most > mav_items::MANY_ITEMS {
+                remarks.push(format!(
+                    "a sortie has {most} mission items, and many ArduPilot boards without an SD card hold about {}; shorter sorties have fewer (`--sortie-time`)",
+                    mav_items::MANY_ITEMS
+                ));
+            }
+        }
+        Format::Dji if !dji::knows(&course.rig) => remarks.push(format!(
+            "DJI's WPML has no name for the aircraft of the rig {:?}: the file says Mavic 3 Enterprise; choose your own in Pilot 2",
+            course.rig
+        )),
+        Format::Litchi if longest > litchi::MANY_WAYPOINTS => remarks.push(format!(
+            "a sortie has {longest} waypoints, and for many aircraft Litchi takes {}; shorter sorties have fewer (`--sortie-time`)",
+            litchi::MANY_WAYPOINTS
+        )),
+        _ => {}
+    }
+    if is_absolute && matches!(format, Format::Dji | Format::Litchi) {
+        remarks.push(format!("the heights of {} files are above the take-off place always", name(format)));
+    }
+    if course.mount == CameraMount::Fixed && matches!(format, Format::Dji | Format::Litchi) {
+        remarks.push(format!("{} files trigger one camera; the others of the rig have to follow it", name(format)));
+    }
+    remarks
+}
+
+fn needs_scene(format: Format) -> bool {
+    matches!(
+        format,
+        Format::All | Format::Qgc | Format::Ardupilot | Format::Dji | Format::Litchi | Format::CoveragePly | Format::CoverageGlb
+    )
+}
+
+/// When the plan was made, as far as its file tells, in milliseconds since 1970.
+fn made_ms(arguments: &ExportArgs) -> u64 {
+    let modified = fs::metadata(&arguments.plan).and_then(|metadata| metadata.modified()).ok();
+    let since = modified.and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+    since.map_or(0, |since| since.as_millis().min(u128::from(u64::MAX)) as u64)
+}
+
+fn name(format: Format) -> String {
+    format.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned())
+}
+
+fn ends(sortie: &Sortie) -> [usize; 2] {
+    let waypoint = |index: usize| sortie.stops.get(index).map_or(0, |stop| stop.waypoint);
+    [waypoint(0), waypoint(sortie.stops.len().saturating_sub(1))]
+}
+
+fn exposures(sortie: &Sortie) -> usize {
+    sortie.stops.iter().map(|stop| stop.exposures).sum()
+}
+
+fn sorties_table(course: &Course) -> String {
+    let header = ["sortie", "waypoints", "exposures", "time, s", "battery, %"].map(str::to_owned).to_vec();
+    let row = |sortie: &Sortie| {
+        let [first, last] = ends(sortie);
+        vec![
+            sortie.number.to_string(),
+            format!("{first}-{last}"),
+            exposures(sortie).to_string(),
+            format!("{:.0}", sortie.duration_s),
+            sortie.battery_percent.map_or("-".to_owned(), |percent| format!("{percent:.0}")),
+        ]
+    };
+    let rows: Vec<Vec<String>> = std::iter::once(header).chain(course.sorties.iter().map(row)).collect();
+    answer::table(&rows)
+}
+
+fn sortie_json(sortie: &Sortie) -> Value {
+    let [first, last] = ends(sortie);
+    json!({
+        "number": sortie.number,
+        "first_waypoint": first,
+        "last_waypoint": last,
+        "exposures": exposures(sortie),
+        "duration_s": sortie.duration_s,
+        "battery_percent": sortie.battery_percent,
+    })
+}

@@ -139,13 +139,18 @@ pub struct ServeArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Reads GeoJSON footprints with heights (.geojson, .json), CityJSON 1.0 to 2.0 (.city.json) and OBJ meshes (.obj). \
+    after_help = "Reads GeoJSON footprints with heights (.geojson, .json), CityJSON 1.0 to 2.0 (.city.json), OBJ meshes (.obj), \
+    GeoTIFF surface models with their ground (.tif, `--dtm`) and point clouds (.las, .laz). \
     What was repaired or guessed is listed. The daemon reads the file itself; when it cannot, because it runs as another user or sees other \
     files, the content is sent (at most `daemon.max_scene_mb`).\n\nExample:\n  overfly load delfshaven.city.json --name harbour"
 )]
 pub struct LoadArgs {
     /// Scene file
     pub file: PathBuf,
+    /// Only for a GeoTIFF surface model (DSM): the model of its ground (DTM), a GeoTIFF too [default: the file beside it with `dtm` for `dsm` in its name,
+    /// else a guess]
+    #[arg(long, value_name = "FILE")]
+    pub dtm: Option<PathBuf>,
     /// Name of the scene from now on [default: the file's name without its extension]
     #[arg(long)]
     pub name: Option<String>,
@@ -155,7 +160,7 @@ pub struct LoadArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "If SCENE is a file, or looks like a path (it holds a `/` or ends with .geojson, .json or .obj), it is planned in process; else \
+    after_help = "If SCENE is a file, or looks like a path (it holds a `/` or ends with .geojson, .json, .obj, .tif, .las or .laz), it is planned in process; else \
     it is the name of a scene that the daemon has loaded. Both give the same plan.json, byte for byte, for the same scene, settings, seed and iterations.\n\n\
     The rig decides what an image sees: `panoramic` everything around, a camera on a gimbal (`phantom4-rtk`, `mavic3e`) where its view \
     direction points, cameras bolted to the airframe (`m300-oblique`) where the drone flies. `overfly rigs` lists them, `overfly rigs phantom4-rtk` \
@@ -168,6 +173,10 @@ pub struct LoadArgs {
 pub struct PlanArgs {
     /// Scene file, or the name of a loaded scene
     pub scene: String,
+    /// Only for a GeoTIFF surface model (DSM): the model of its ground (DTM), a GeoTIFF too [default: the file beside it with `dtm` for `dsm` in its name,
+    /// else a guess]
+    #[arg(long, value_name = "FILE")]
+    pub dtm: Option<PathBuf>,
     #[command(flatten)]
     pub order: OrderArgs,
     #[command(flatten)]

@@ -111,11 +111,11 @@ impl Daemon {
         tell(ports, ticket, &Reply::Acknowledged);
         self.changed = true;
         match request {
-            Request::LoadPath { path, name } => self.load(ticket, at(path), name),
+            Request::LoadPath { path, ground, name } => self.load(ticket, at(path, ground), name),
             Request::LoadBytes { file_name, name } => self.load(ticket, FileSource::Bytes { file_name, bytes: bulk }, name),
             Request::Plan { scene, order } => self.plan(ports, ticket, &scene, *order),
             Request::Edit { scene, edits } => self.edit(ports, ticket, &scene, edits, bytes),
-            Request::UpdatePath { scene, path, dry_run } => self.update(ticket, scene, at(path), dry_run),
+            Request::UpdatePath { scene, path, ground, dry_run } => self.update(ticket, scene, at(path, ground), dry_run),
             Request::UpdateBytes { scene, file_name, dry_run } => {
                 self.update(ticket, scene, FileSource::Bytes { file_name, bytes: bulk }, dry_run)
             }
@@ -308,8 +308,9 @@ fn resident_mb() -> f64 {
 }
 
 /// The file of a path as it came in a message.
-fn at(path: Vec<u8>) -> FileSource {
-    FileSource::Path(PathBuf::from(OsString::from_vec(path)))
+fn at(path: Vec<u8>, ground: Option<Vec<u8>>) -> FileSource {
+    let path_of = |path| PathBuf::from(OsString::from_vec(path));
+    FileSource::Path { path: path_of(path), ground: ground.map(path_of) }
 }
 
 fn still_loading(scene: &str) -> Refusal {

@@ -5,6 +5,7 @@
 pub mod bounds;
 pub mod proxy;
 pub mod solid;
+pub mod terrain;
 
 pub mod anchor;
 pub mod read;
@@ -24,6 +25,7 @@ mod meshes;
 mod names;
 mod obj;
 mod orient;
+mod raster;
 mod zone;
 
 pub mod generate;
@@ -42,6 +44,7 @@ pub mod free_space;
 pub use bounds::Bounds;
 pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle, ZoneSource};
-pub use read::{ImportError, read, read_anchored};
+pub use read::{GroundFile, ImportError, ground_beside, read, read_anchored, read_over_ground};
+pub use terrain::{TERRAIN_NAME, Terrain};
 pub use report::{ImportReport, ItemKind, Place, ReportItem};
 pub use write::to_geojson;

@@ -14,6 +14,8 @@ pub enum Format {
     GeoJson,
     CityJson,
     Obj,
+    GeoTiff,
+    PointCloud,
 }
 
 /// Everything that was not taken from the file as it stands.

@@ -35,6 +35,8 @@ pub enum Request {
     /// A scene file that the daemon can read; the bytes of an absolute path.
     LoadPath {
         path: Vec<u8>,
+        /// Of a surface model the model of its ground, likewise.
+        ground: Option<Vec<u8>>,
         name: Option<String>,
     },
     /// A scene file that follows as bulk; its name or, better, its absolute path tells its format and names the scene.
@@ -59,6 +61,8 @@ pub enum Request {
     UpdatePath {
         scene: String,
         path: Vec<u8>,
+        /// As in `LoadPath`.
+        ground: Option<Vec<u8>>,
         dry_run: bool,
     },
     /// The same with the file as bulk.
@@ -103,8 +107,9 @@ impl Request {
     /// Judges the values of a request that was decoded; the error says what is wrong and what is allowed.
     pub fn check(&self) -> Result<(), Refusal> {
         match self {
-            Request::LoadPath { path, name } => {
+            Request::LoadPath { path, ground, name } => {
                 check_path(path)?;
+                ground.as_deref().map_or(Ok(()), check_path)?;
                 name.as_deref().map_or(Ok(()), check_scene_name)
             }
             Request::LoadBytes { file_name, name } => {
@@ -119,8 +124,9 @@ impl Request {
                 check_scene_name(scene)?;
                 check_edits(edits)
             }
-            Request::UpdatePath { scene, path, .. } => {
+            Request::UpdatePath { scene, path, ground, .. } => {
                 check_scene_name(scene)?;
+                ground.as_deref().map_or(Ok(()), check_path)?;
                 check_path(path)
             }
             Request::UpdateBytes { scene, file_name, .. } => {

@@ -85,7 +85,7 @@ fn values_that_make_no_sense_are_refused_with_a_remedy() {
         edit(EditOrder::RemoveZone { name: "\n".into() }),
         Request::Edit { scene: "town".into(), edits: vec![] },
         Request::Edit { scene: "town".into(), edits: vec![remove; MAX_EDITS + 1] },
-        Request::UpdatePath { scene: "town".into(), path: b"relative".to_vec(), dry_run: true },
+        Request::UpdatePath { scene: "town".into(), path: b"relative".to_vec(), ground: None, dry_run: true },
         plan(PlanOrder { start_m: Some([0.0, f64::NAN, 0.0]), ..order() }),
         plan(PlanOrder { iterations: Some(0), ..order() }),
         plan(PlanOrder { budget_s: Some(0.0), ..order() }),
@@ -103,7 +103,8 @@ fn values_that_make_no_sense_are_refused_with_a_remedy() {
         plan(PlanOrder { start_view_deg: Some([0.0, f64::NAN]), ..order() }),
         plan(PlanOrder { start_view_deg: Some([0.0, 91.0]), ..order() }),
         Request::Locate { scene: "a/b".into() },
-        Request::LoadPath { path: b"relative".to_vec(), name: None },
+        Request::LoadPath { path: b"relative".to_vec(), ground: None, name: None },
+        Request::LoadPath { path: b"/a".to_vec(), ground: Some(b"relative".to_vec()), name: None },
     ];
     for request in faults {
         let refusal = request.check().unwrap_err();

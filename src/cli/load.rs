@@ -18,7 +18,9 @@ pub fn run(arguments: &LoadArgs, form: Form) -> Result<Answer, Failure> {
     let source = source(&arguments.file, arguments.dtm.as_deref());
     let loaded = match load(&client, source, arguments, form) {
         // What is sent is one file.
-        Err(error @ ClientError::Refused { code: RefusalCode::Unreadable, .. }) if arguments.dtm.is_some() => return Err(error.into()),
+        Err(error @ ClientError::Refused { code: RefusalCode::Unreadable, .. }) if arguments.dtm.is_some() => {
+            return Err(error.into());
+        }
         Err(ClientError::Refused { code: RefusalCode::Unreadable, message }) => {
             form.remark(&format!("{message}\nso its content is sent"));
             load(&client, content(&arguments.file, bytes), arguments, form)?

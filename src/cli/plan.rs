@@ -34,7 +34,8 @@ pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
 /// A mistyped path must not be looked up among the loaded scenes.
 fn looks_like_path(scene: &str) -> bool {
     let lower = scene.to_lowercase();
-    scene.contains('/') || [".geojson", ".json", ".obj", ".tif", ".tiff", ".las", ".laz"].iter().any(|ending| lower.ends_with(ending))
+    scene.contains('/')
+        || [".geojson", ".json", ".obj", ".tif", ".tiff", ".las", ".laz"].iter().any(|ending| lower.ends_with(ending))
 }
 
 fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form: Form) -> Result<Answer, Failure> {

@@ -24,7 +24,9 @@ pub fn run(arguments: &UpdateArgs, form: Form) -> Result<Answer, Failure> {
     let source = load::source(&arguments.file, arguments.dtm.as_deref());
     let (edited, updated) = match update(&client, source, arguments, form) {
         // What is sent is one file.
-        Err(error @ ClientError::Refused { code: RefusalCode::Unreadable, .. }) if arguments.dtm.is_some() => return Err(error.into()),
+        Err(error @ ClientError::Refused { code: RefusalCode::Unreadable, .. }) if arguments.dtm.is_some() => {
+            return Err(error.into());
+        }
         Err(ClientError::Refused { code: RefusalCode::Unreadable, message }) => {
             form.remark(&format!("{message}\nso its content is sent"));
             update(&client, load::content(&arguments.file, bytes), arguments, form)?

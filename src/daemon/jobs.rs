@@ -122,8 +122,14 @@ pub struct Assignment {
 #[derive(Debug)]
 pub enum FileSource {
     /// A surface model with the model of its ground where one is named.
-    Path { path: PathBuf, ground: Option<PathBuf> },
-    Bytes { file_name: String, bytes: Vec<u8> },
+    Path {
+        path: PathBuf,
+        ground: Option<PathBuf>,
+    },
+    Bytes {
+        file_name: String,
+        bytes: Vec<u8>,
+    },
 }
 
 /// What a field is built of.

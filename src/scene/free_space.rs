@@ -53,7 +53,9 @@ pub enum Obstruction {
     Inside(String),
     #[error("it comes within {distance_m:.2} m of a structure, nearer than the safety distance of {safety_m} m")]
     TooNear { distance_m: f64, safety_m: f64 },
-    #[error("it is {low_m:.1} to {high_m:.1} m above the terrain, outside of the altitudes {least_m:.0}..{most_m:.0} m that are allowed")]
+    #[error(
+        "it is {low_m:.1} to {high_m:.1} m above the terrain, outside of the altitudes {least_m:.0}..{most_m:.0} m that are allowed"
+    )]
     Altitude { low_m: f64, high_m: f64, least_m: f64, most_m: f64 },
     #[error("it enters the no-fly zone {0:?}")]
     Zone(String),

@@ -45,6 +45,6 @@ pub use bounds::Bounds;
 pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle, ZoneSource};
 pub use read::{GroundFile, ImportError, ground_beside, read, read_anchored, read_over_ground};
-pub use terrain::{TERRAIN_NAME, Terrain};
 pub use report::{ImportReport, ItemKind, Place, ReportItem};
+pub use terrain::{TERRAIN_NAME, Terrain};
 pub use write::to_geojson;

@@ -20,7 +20,9 @@ use crate::settings::ProxySettings;
 pub enum ImportError {
     #[error("{file}: the file is empty; give a GeoJSON, CityJSON or OBJ file, a GeoTIFF or a point cloud")]
     EmptyFile { file: String },
-    #[error("{file}: this is {found}, which is not read; convert it to GeoJSON footprints with heights, CityJSON, OBJ, a GeoTIFF of heights or LAS")]
+    #[error(
+        "{file}: this is {found}, which is not read; convert it to GeoJSON footprints with heights, CityJSON, OBJ, a GeoTIFF of heights or LAS"
+    )]
     UnknownFormat { file: String, found: String },
     #[error("{file}: the JSON is damaged at line {}, column {}: {source}; it may be cut off: fetch or export it again", .source.line(), .source.column())]
     Json { file: String, source: serde_json::Error },
@@ -157,7 +159,8 @@ fn read_format(
         return raster::read_tiff(file_name, bytes, ground, settings, anchor);
     }
     if let Some(ground) = ground {
-        let what = format!("a model of the ground ({}) is given to a file that is no surface model in a GeoTIFF", ground.file_name);
+        let what =
+            format!("a model of the ground ({}) is given to a file that is no surface model in a GeoTIFF", ground.file_name);
         return Err(ImportError::Structure { file, what, remedy: "leave it out" });
     }
     if bytes.starts_with(b"LASF") {
@@ -189,7 +192,9 @@ pub(crate) fn stem(file_name: &str) -> String {
     let mut parts = file_name.rsplit(['/', '\\']).filter(|part| !part.is_empty());
     let base = parts.next().unwrap_or(file_name);
     let lower = base.to_lowercase();
-    let ending = [".city.json", ".geo.json", ".geojson", ".json", ".obj", ".tif", ".tiff", ".las", ".laz"].into_iter().find(|ending| lower.ends_with(ending));
+    let ending = [".city.json", ".geo.json", ".geojson", ".json", ".obj", ".tif", ".tiff", ".las", ".laz"]
+        .into_iter()
+        .find(|ending| lower.ends_with(ending));
     let stem = ending.and_then(|ending| base.get(..base.len() - ending.len())).unwrap_or(base);
     let telling = if GENERIC_STEMS.contains(&stem.to_lowercase().as_str()) { parts.next().unwrap_or(stem) } else { stem };
     if telling.is_empty() { "scene".into() } else { super::names::tidy(telling) }

@@ -129,7 +129,13 @@ impl Terrain {
         let [across, up] = self.corners;
         let place = |index: usize, count: usize, origin: f64| {
             let inner = index.clamp(1, count) - 1;
-            let beyond = if index == 0 { -SKIRT_M } else if index > count { SKIRT_M } else { 0.0 };
+            let beyond = if index == 0 {
+                -SKIRT_M
+            } else if index > count {
+                SKIRT_M
+            } else {
+                0.0
+            };
             (inner, origin + inner as f64 * self.cell_m + beyond)
         };
         let corner = |i: usize, j: usize| {

@@ -142,7 +142,11 @@ impl Scene {
     }
 
     fn check_not_terrain(&self, edit: &Edit) -> Result<(), EditError> {
-        let (Edit::Raise { id, .. } | Edit::Lower { id, .. } | Edit::Remove { id } | Edit::Replace { id, .. } | Edit::Move { id, .. }) = edit
+        let (Edit::Raise { id, .. }
+        | Edit::Lower { id, .. }
+        | Edit::Remove { id }
+        | Edit::Replace { id, .. }
+        | Edit::Move { id, .. }) = edit
         else {
             return Ok(());
         };

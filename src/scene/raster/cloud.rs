@@ -69,7 +69,10 @@ pub(super) fn read(file: &str, bytes: &[u8]) -> Result<Cloud, ImportError> {
     // Written so that NaN is refused too.
     if !(extent.iter().all(|side| *side > 0.0 && side.is_finite()) && header.points > 0) {
         let what = format!("its {} points lie in a box of {} x {} units", header.points, extent[0], extent[1]);
-        return Err(refuse(what, "export the cloud with a correct header, for example with `lasinfo -repair` or `pdal translate`"));
+        return Err(refuse(
+            what,
+            "export the cloud with a correct header, for example with `lasinfo -repair` or `pdal translate`",
+        ));
     }
     let unit_m = reference.unit_m.unwrap_or(1.0);
     let by_points = (POINTS_PER_CELL * extent[0] * extent[1] / header.points as f64).sqrt();
@@ -78,12 +81,16 @@ pub(super) fn read(file: &str, bytes: &[u8]) -> Result<Cloud, ImportError> {
     let cell = (by_points.max(by_memory).max(LEAST_CELL_M / unit_m) * 10.0).ceil() / 10.0;
     let [columns, rows] = extent.map(|side| (side / cell).floor() + 1.0);
     if !(columns * rows <= 2.0 * MOST_CELLS as f64) {
-        return Err(refuse(format!("its box of {} x {} units is absurd", extent[0], extent[1]), "check the export's units and outliers"));
+        return Err(refuse(
+            format!("its box of {} x {} units is absurd", extent[0], extent[1]),
+            "check the export's units and outliers",
+        ));
     }
     let (columns, rows) = (columns as usize, rows as usize);
     let mut cells = Cells::new([columns, rows], cell, &header);
     if header.is_packed {
-        let packing = packing.ok_or_else(|| refuse("it is a LAZ file without a record that says how it is packed".into(), DAMAGED))?;
+        let packing =
+            packing.ok_or_else(|| refuse("it is a LAZ file without a record that says how it is packed".into(), DAMAGED))?;
         // The unpacking library has been written for files that are whole.
         let unpacked = catch_unwind(AssertUnwindSafe(|| unpack(bytes, &header, packing, &mut cells)));
         let told = unpacked.unwrap_or_else(|_| Err("the packed points make no sense".into()));
@@ -115,7 +122,10 @@ impl Header {
         let record_bytes = usize::from(half(105)?);
         let format = kind & 0x3f;
         if version[0] != 1 || version[1] > 4 || format > 10 {
-            return Err(format!("its version is {}.{} with points of format {format}, and LAS 1.0 to 1.4 are read", version[0], version[1]));
+            return Err(format!(
+                "its version is {}.{} with points of format {format}, and LAS 1.0 to 1.4 are read",
+                version[0], version[1]
+            ));
         }
         if record_bytes < least_bytes(format) || start > bytes.len() || usize::from(header_bytes) > start {
             return Err("the header is damaged: its points have no place".into());
@@ -166,7 +176,8 @@ fn records(bytes: &[u8], header: &Header) -> Result<(Reference, Option<Packing>)
             }
             (b"LASF_Projection", 2112) => text = Some(geo_keys::of_text(&String::from_utf8_lossy(data))),
             (b"laszip encoded", 22204) => {
-                let read = LazVlr::from_buffer(data).map_err(|error| format!("how its points are packed is not known ({error})"))?;
+                let read =
+                    LazVlr::from_buffer(data).map_err(|error| format!("how its points are packed is not known ({error})"))?;
                 packing = Some(Packing { laz: read, is_layered: data.starts_with(&LAYERED) });
             }
             _ => {}
@@ -185,7 +196,8 @@ fn unpack(bytes: &[u8], header: &Header, packing: Packing, cells: &mut Cells) ->
     check_sizes(bytes, header, &packing)?;
     let mut source = Cursor::new(bytes);
     source.seek(SeekFrom::Start(header.start as u64)).map_err(cut)?;
-    let mut points = LasZipDecompressor::new(source, packing.laz).map_err(|error| format!("its points cannot be unpacked ({error})"))?;
+    let mut points =
+        LasZipDecompressor::new(source, packing.laz).map_err(|error| format!("its points cannot be unpacked ({error})"))?;
     let mut buffer = vec![0; size * POINTS_AT_ONCE.min(header.points) as usize];
     let mut left = header.points;
     while left > 0 {
@@ -287,16 +299,13 @@ impl Cells {
             let b = &point[4 * axis..4 * axis + 4];
             f64::from(i32::from_le_bytes([b[0], b[1], b[2], b[3]])) * self.scale[axis] + self.offset[axis]
         };
-        let (class, is_withheld) = if self.format < 6 {
-            (point[15] & 0x1f, point[15] & 0x80 != 0)
-        } else {
-            (point[16], point[15] & 0x04 != 0)
-        };
+        let (class, is_withheld) =
+            if self.format < 6 { (point[15] & 0x1f, point[15] & 0x80 != 0) } else { (point[16], point[15] & 0x04 != 0) };
         if is_withheld || NOISE.contains(&class) {
             self.noise += 1;
             return;
         }
-        let [x, y, z] = [number(0), number(1), number(2) ];
+        let [x, y, z] = [number(0), number(1), number(2)];
         let (column, row) = ((x - self.corner[0]) / self.cell, (self.corner[1] - y) / self.cell);
         // The file's box is rounded to its digits.
         let within = |place: f64, count: usize| (-0.5..count as f64 + 0.5).contains(&place);

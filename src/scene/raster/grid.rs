@@ -77,11 +77,8 @@ impl Grid {
         let ((west, east, along), (north, south, down)) = (split(column, self.columns), split(row, self.rows));
         let at = |column: usize, row: usize| self.heights[row * self.columns + column];
         let between = |from: f32, to: f32, share: f32| from + (to - from) * share;
-        let height = between(
-            between(at(west, north), at(east, north), along),
-            between(at(west, south), at(east, south), along),
-            down,
-        );
+        let height =
+            between(between(at(west, north), at(east, north), along), between(at(west, south), at(east, south), along), down);
         if height.is_nan() { own } else { height }
     }
 

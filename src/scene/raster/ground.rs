@@ -44,6 +44,10 @@ pub(super) fn guess(surface: &[f32], columns: usize, rows: usize, cell_m: f64) -
     };
     let mut blocks: Vec<f32> = (0..across * down).map(low).collect();
     fill_nearest(&mut blocks, across, down);
+    // Opening takes the upper border of a slope for a step: the slope of the whole is taken out for as long.
+    let plane = plane(&blocks, across);
+    let level = |index: usize| plane(index % across, index / across);
+    blocks.iter_mut().enumerate().for_each(|(index, z)| *z -= level(index));
     let block_m = block as f64 * cell_m;
     for window in WINDOWS {
         let eroded = windowed(&blocks, across, down, window, f32::min);
@@ -51,6 +55,7 @@ pub(super) fn guess(surface: &[f32], columns: usize, rows: usize, cell_m: f64) -
         let step_m = (LEAST_STEP_M + SLOPE * window as f64 * block_m) as f32;
         blocks.iter_mut().zip(&opened).for_each(|(z, &opened)| *z = if *z - opened > step_m { opened } else { *z });
     }
+    blocks.iter_mut().enumerate().for_each(|(index, z)| *z += level(index));
     let between = |cell: usize| {
         let middle = |index: usize, count: usize| {
             let at = ((index as f64 + 0.5) / block as f64 - 0.5).clamp(0.0, (count - 1) as f64);
@@ -65,6 +70,22 @@ pub(super) fn guess(surface: &[f32], columns: usize, rows: usize, cell_m: f64) -
         if surface[cell] < ground { surface[cell] } else { ground }
     };
     (0..surface.len()).map(between).collect()
+}
+
+/// The plane through values on a grid with the least squares of distances: its value by column and row.
+fn plane(values: &[f32], columns: usize) -> impl Fn(usize, usize) -> f32 + use<> {
+    let rows = values.len() / columns;
+    let (mid_column, mid_row) = ((columns - 1) as f64 / 2.0, (rows - 1) as f64 / 2.0);
+    let offsets = |index: usize| ((index % columns) as f64 - mid_column, (index / columns) as f64 - mid_row);
+    let mut sums = [0.0; 5];
+    for (index, z) in values.iter().enumerate() {
+        let ((x, y), z) = (offsets(index), f64::from(*z));
+        [z, x * z, y * z, x * x, y * y].iter().zip(&mut sums).for_each(|(term, sum)| *sum += term);
+    }
+    let [of_z, of_xz, of_yz, of_xx, of_yy] = sums;
+    let slope = |sum: f64, squares: f64| if squares > 0.0 { sum / squares } else { 0.0 };
+    let (mean, along, down) = (of_z / values.len() as f64, slope(of_xz, of_xx), slope(of_yz, of_yy));
+    move |column, row| (mean + along * (column as f64 - mid_column) + down * (row as f64 - mid_row)) as f32
 }
 
 /// Each value with those up to `reach` to its sides, first along the rows, then along the columns.
@@ -159,8 +180,7 @@ mod tests {
     #[test]
     fn the_terrain_lies_nowhere_far_below_the_ground() {
         // A wall of earth, narrower than a cell of the terrain, on a slope.
-        let heights_m: Vec<f32> =
-            (0..SIDE * SIDE).map(|cell| slope(cell) + if cell % SIDE == 50 { 3.0 } else { 0.0 }).collect();
+        let heights_m: Vec<f32> = (0..SIDE * SIDE).map(|cell| slope(cell) + if cell % SIDE == 50 { 3.0 } else { 0.0 }).collect();
         let local = Affine { origin: [-60.0, 60.0], column: [1.0, 0.02], row: [0.02, -1.0] };
         let modelled = model(&heights_m, SIDE, SIDE, &local).unwrap();
         assert_eq!(modelled.terrain.cell_m(), LEAST_TERRAIN_CELL_M);

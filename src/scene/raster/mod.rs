@@ -10,6 +10,7 @@ mod grid;
 mod ground;
 mod outline;
 mod regions;
+mod roofs;
 mod tiff;
 
 #[cfg(test)]
@@ -81,28 +82,20 @@ pub(super) fn read_cloud(
         let what = "most of its points lie outside of the box that its header states".into();
         return Err(ImportError::Structure { file: file.into(), what, remedy: "export it with a correct header" });
     }
-    let heights = Heights {
-        surface: cloud.surface,
-        ground: cloud.ground,
-        is_building: cloud.is_building,
-        reference: cloud.reference,
-    };
+    let heights =
+        Heights { surface: cloud.surface, ground: cloud.ground, is_building: cloud.is_building, reference: cloud.reference };
     compose::compose(file, heights, settings, anchor, report)
 }
 
 /// The model of the ground, in the units of the surface model.
-fn read_ground(
-    file: &str,
-    surface: &Reference,
-    ground: &GroundFile,
-    report: &mut ImportReport,
-) -> Result<Grid, ImportError> {
+fn read_ground(file: &str, surface: &Reference, ground: &GroundFile, report: &mut ImportReport) -> Result<Grid, ImportError> {
     let name = ground.file_name;
     let raster = tiff::read(name, ground.bytes, Fold::Mean)?;
     refuse_degrees(name, &raster.reference)?;
     let (own, other) = (raster.reference, surface);
     if own.epsg.zip(other.epsg).is_some_and(|(own, other)| own != other) {
-        let what = format!("it is in EPSG:{}, and the surface model {file} in EPSG:{}", own.epsg.unwrap_or(0), other.epsg.unwrap_or(0));
+        let what =
+            format!("it is in EPSG:{}, and the surface model {file} in EPSG:{}", own.epsg.unwrap_or(0), other.epsg.unwrap_or(0));
         let remedy = "reproject one of them, for example with `gdalwarp -t_srs EPSG:code in.tif out.tif`";
         return Err(ImportError::Structure { file: name.into(), what, remedy });
     }

@@ -86,7 +86,8 @@ fn outline(cells: &Labels, sides: &[[i64; 3]], tolerance: f64) -> Outline {
             let Some(next) = ahead.min_by_key(|&next| turn(next).unwrap_or(3)) else { break };
             side = next;
         }
-        let doubled: i64 = (0..ring.len()).map(|k| (ring[k], ring[(k + 1) % ring.len()])).map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum();
+        let doubled: i64 =
+            (0..ring.len()).map(|k| (ring[k], ring[(k + 1) % ring.len()])).map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum();
         let is_outer = doubled > 0;
         let simple = simplified(cells, &ring, tolerance);
         let enough = simple.len() >= 3;
@@ -172,7 +173,14 @@ mod tests {
     #[test]
     fn rings_and_holes_are_found_and_neighbours_share_their_wall() {
         let (cells, columns, rows) = labels(&[
-            "000000000000", "011111122220", "011111122220", "011001122220", "011001112220", "011111112220", "011111112220", "000000000000",
+            "000000000000",
+            "011111122220",
+            "011111122220",
+            "011001122220",
+            "011001112220",
+            "011111112220",
+            "011111112220",
+            "000000000000",
         ]);
         let found = outlines(&Labels { labels: &cells, columns, rows }, 2, 0.4);
         assert_eq!(found.iter().map(|outline| (outline.outer.len(), outline.holes.len())).collect::<Vec<_>>(), [(1, 1), (1, 0)]);

@@ -4,7 +4,8 @@
 mod program;
 mod support;
 
-use std::sync::Arc;
+use std::io::Cursor;
+use std::sync::{Arc, LazyLock};
 
 use geo::{BoundingRect, Contains, Coord, LineString, MultiPolygon, Point, Polygon};
 use nalgebra::Point3;
@@ -89,16 +90,20 @@ fn flights_keep_their_altitudes_above_a_hill_along_the_whole_curve() {
     assert!(snapshot.field().samples.iter().any(|sample| sample.structure as usize == top && sample.exposed == 1));
 }
 
+static FREE: LazyLock<(Scene, FreeSpace)> = LazyLock::new(|| {
+    let scene = town_on_a_hill();
+    let free = FreeSpace::new(&scene, &Settings::default().flight).expect("there are no zones");
+    (scene, free)
+});
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, max_global_rejects: 100_000, ..ProptestConfig::default() })]
     #[test]
     fn a_safe_leg_is_safe_at_each_of_its_points(
         a in [-140.0..140.0f64, -110.0..110.0, 0.0..110.0], b in [-140.0..140.0f64, -110.0..110.0, 0.0..110.0],
     ) {
-        let scene = town_on_a_hill();
-        let free = FreeSpace::new(&scene, &Settings::default().flight).unwrap();
-        let (a, b): (Point3<f64>, Point3<f64>) = (a.into(), b.into());
-        let terrain = terrain_of(&scene);
+        let ((scene, free), a, b) = (&*FREE, Point3::from(a), Point3::from(b));
+        let terrain = terrain_of(scene);
         for p in [a, b] {
             let altitude_m = p.z - terrain.height_m(p.x, p.y);
             prop_assert_eq!(free.is_safe(&p), free.obstruction_at(&p).is_none());
@@ -313,4 +318,53 @@ fn a_flight_over_a_real_surface_model_keeps_its_altitudes() {
     let plan = plan(&snapshot, &settings, &options(1, 100), &StopToken::default(), &mut |_| {}).expect("it can be flown");
     let [least_m, most_m] = altitudes(&plan, terrain_of(&snapshot.scene));
     assert!(plan.waypoints.len() > 5 && least_m >= 5.0 - 0.02 && most_m <= 120.02, "{least_m} {most_m}");
+}
+
+/// A raster of 80 x 80 m with heights by column and row.
+fn raster(height: impl Fn(u32, u32) -> f32) -> Vec<u8> {
+    use tiff::encoder::{TiffEncoder, colortype::Gray32Float};
+    use tiff::tags::Tag;
+    let mut bytes = Vec::new();
+    let mut encoder = TiffEncoder::new(Cursor::new(&mut bytes)).expect("it can be written");
+    let mut image = encoder.new_image::<Gray32Float>(80, 80).expect("it can be written");
+    let tags = image.encoder();
+    tags.write_tag(Tag::ModelPixelScaleTag, &[1.0, 1.0, 0.0][..]).expect("it can be written");
+    tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, 84_800.0, 447_600.0, 0.0][..]).expect("it can be written");
+    tags.write_tag(Tag::GeoKeyDirectoryTag, &[1u16, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 28992][..]).expect("it can be written");
+    let values: Vec<f32> = (0..6400).map(|k| height(k % 80, k / 80)).collect();
+    image.write_data(&values).expect("it can be written");
+    bytes
+}
+
+#[test]
+fn the_daemon_reads_a_surface_model_over_its_ground_and_updates_it() {
+    let place = program::Place::new();
+    let slope = |column: u32| 3.0 + 0.15 * column as f32;
+    let town = |house_m: f32| {
+        raster(move |column, row| {
+            slope(column) + if (20..40).contains(&column) && (30..50).contains(&row) { house_m } else { 0.0 }
+        })
+    };
+    let ground = raster(|column, _| slope(column));
+    std::fs::write(place.path("surface.tif"), town(9.0)).expect("it can be written");
+    std::fs::write(place.path("taller_dsm.tif"), town(12.0)).expect("it can be written");
+    std::fs::write(place.path("ground.tif"), &ground).expect("it can be written");
+    std::fs::write(place.path("taller_dtm.tif"), &ground).expect("it can be written");
+    let _daemon = place.serve(&[]);
+    let loaded = place.json(&["load", "surface.tif", "--dtm", "ground.tif", "--name", "town"]);
+    let told = loaded["import"]["notes"].to_string();
+    assert!(told.contains("ground.tif") && !told.contains("guessed") && !told.contains("beside"), "{told}");
+    let structures = place.json(&["status", "town"])["structures"].to_string();
+    assert!(structures.contains("roof-001") && structures.contains("\"terrain\""), "{structures}");
+    let refused = place.run(&["edit", "town", "remove", "terrain", "--no-wait"]);
+    assert!(program::stderr(&refused).contains("ground of the scene"), "{}", program::stderr(&refused));
+    let updated = place.json(&["update", "town", "taller_dsm.tif", "--no-wait"]);
+    let changes = updated["changes"].to_string();
+    assert!(changes.contains("roof-001") && !changes.contains("terrain"), "{updated}");
+    let missing = place.run(&["load", "surface.tif", "--dtm", "no-ground.tif"]);
+    assert!(!missing.status.success() && program::stderr(&missing).contains("no-ground.tif"), "{}", program::stderr(&missing));
+    let wrong = place.run(&["load", &place.scene(), "--dtm", "ground.tif"]);
+    assert!(program::stderr(&wrong).contains("no surface model"), "{}", program::stderr(&wrong));
+    let flat = place.run(&["degrade", "surface.tif", "--out", "flat.geojson"]);
+    assert!(program::stderr(&flat).contains("flat ground"), "{}", program::stderr(&flat));
 }

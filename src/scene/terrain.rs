@@ -109,7 +109,7 @@ impl Terrain {
         let [across, up] = self.corners.map(|corners| (corners - 1) as f64);
         for (from, to, first, last) in [(u0, u1, 0.0, across), (v0, v1, 0.0, up), (u0 - v0, u1 - v1, -up, across)] {
             let (low, high) = (from.min(to).max(first).ceil(), from.max(to).min(last).floor());
-            if from == to || !(low <= high) {
+            if from == to || low > high {
                 continue;
             }
             for k in 0..=(high - low) as usize {

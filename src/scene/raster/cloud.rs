@@ -80,7 +80,7 @@ pub(super) fn read(file: &str, bytes: &[u8]) -> Result<Cloud, ImportError> {
     // Whole tenths, so that a few points more do not move all cells.
     let cell = (by_points.max(by_memory).max(LEAST_CELL_M / unit_m) * 10.0).ceil() / 10.0;
     let [columns, rows] = extent.map(|side| (side / cell).floor() + 1.0);
-    if !(columns * rows <= 2.0 * MOST_CELLS as f64) {
+    if columns * rows > 2.0 * MOST_CELLS as f64 {
         return Err(refuse(
             format!("its box of {} x {} units is absurd", extent[0], extent[1]),
             "check the export's units and outliers",

@@ -157,7 +157,7 @@ fn check_size(
             remedy: "give a model with cells of 5 m at most (1 m and finer are better), or cut out a smaller part of a large one",
         });
     }
-    if !(width_m.max(depth_m) <= 2.0 * settings.max_extent_m) {
+    if width_m.max(depth_m) > 2.0 * settings.max_extent_m {
         return Err(ImportError::Structure {
             file: file.into(),
             what: format!("it is {:.1} x {:.1} km large", width_m / 1000.0, depth_m / 1000.0),

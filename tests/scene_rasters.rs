@@ -314,10 +314,11 @@ fn a_flight_over_a_real_surface_model_keeps_its_altitudes() {
     let Some((scene, _)) = read("delft-ahn3/delft_ahn3_thinned_0.6m.laz") else { return };
     let mut settings = Settings::default();
     (settings.surface.samples, settings.field.viewpoints, settings.surface.max_spacing_m) = (400, 400, 40.0);
+    settings.flight.altitude_min_m = 22.0;
     let snapshot = snapshot(&session(scene, &settings));
     let plan = plan(&snapshot, &settings, &options(1, 100), &StopToken::default(), &mut |_| {}).expect("it can be flown");
     let [least_m, most_m] = altitudes(&plan, terrain_of(&snapshot.scene));
-    assert!(plan.waypoints.len() > 5 && least_m >= 5.0 - 0.02 && most_m <= 120.02, "{least_m} {most_m}");
+    assert!(plan.waypoints.len() > 5 && least_m >= 22.0 - 0.02 && most_m <= 120.02, "{least_m} {most_m}");
 }
 
 /// A raster of 80 x 80 m with heights by column and row.

@@ -203,6 +203,22 @@ mod tests {
 
     proptest! {
         #[test]
+        fn simplified_neighbours_neither_overlap_nor_leave_gaps(blocks in proptest::collection::vec(1u32..4, 9)) {
+            // Blocks of five cells with jagged sides, and a frame around them.
+            let label = |column: usize, row: usize| match (column.checked_sub(3), row.checked_sub(3)) {
+                (Some(column), Some(row)) if column < 15 && row < 15 => blocks[row / 5 * 3 + ((column + row % 2) / 5).min(2)],
+                _ => 4,
+            };
+            let cells: Vec<u32> = (0..21 * 21).map(|cell| label(cell % 21, cell / 21)).collect();
+            let found = outlines(&Labels { labels: &cells, columns: 21, rows: 21 }, 4, 0.9);
+            let enclosed = |rings: &[Ring]| rings.iter().map(area).sum::<f64>();
+            let sum: f64 = found.iter().map(|outline| enclosed(&outline.outer) - enclosed(&outline.holes)).sum();
+            prop_assert!((sum - 441.0).abs() < 1e-6, "{} of 441 cells", sum);
+            let corners: usize = found.iter().flat_map(|outline| &outline.outer).map(Vec::len).sum();
+            prop_assert!(corners < 110, "the jags are gone: {} corners", corners);
+        }
+
+        #[test]
         fn unsimplified_outlines_enclose_their_cells(cells in proptest::collection::vec(0u32..4, 63)) {
             let found = outlines(&Labels { labels: &cells, columns: 9, rows: 7 }, 3, 0.0);
             for (index, outline) in found.iter().enumerate() {

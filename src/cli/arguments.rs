@@ -148,12 +148,16 @@ pub struct ServeArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "Reads GeoJSON footprints with heights (.geojson, .json), OpenStreetMap extracts (.osm.pbf), CityJSON 1.0 to 2.0 (.city.json) and its sequences \
-    (.city.jsonl), and meshes as OBJ, PLY, STL and glTF (.glb). What was repaired or guessed is listed. The daemon reads the file itself; when it cannot, because it runs as another user or sees other \
+    (.city.jsonl), meshes as OBJ, PLY, STL and glTF (.glb), GeoTIFF surface models with their ground (.tif, `--dtm`) and point clouds (.las, .laz). What was repaired or guessed is listed. The daemon reads the file itself; when it cannot, because it runs as another user or sees other \
     files, the content is sent (at most `daemon.max_scene_mb`).\n\nExample:\n  overfly load delfshaven.city.json --name harbour"
 )]
 pub struct LoadArgs {
     /// Scene file
     pub file: PathBuf,
+    /// Only for a GeoTIFF surface model (DSM): the model of its ground (DTM), a GeoTIFF too [default: the file beside it with `dtm` for `dsm` in its name,
+    /// else a guess]
+    #[arg(long, value_name = "FILE")]
+    pub dtm: Option<PathBuf>,
     /// Name of the scene from now on [default: the file's name without its extension]
     #[arg(long)]
     pub name: Option<String>,
@@ -178,6 +182,10 @@ pub struct LoadArgs {
 pub struct PlanArgs {
     /// Scene file, or the name of a loaded scene
     pub scene: String,
+    /// Only for a GeoTIFF surface model (DSM): the model of its ground (DTM), a GeoTIFF too [default: the file beside it with `dtm` for `dsm` in its name,
+    /// else a guess]
+    #[arg(long, value_name = "FILE")]
+    pub dtm: Option<PathBuf>,
     #[command(flatten)]
     pub order: OrderArgs,
     #[command(flatten)]

@@ -13,6 +13,10 @@ use crate::scene::{Shape, to_geojson};
 pub fn run(arguments: &DegradeArgs, form: Form) -> Result<Answer, Failure> {
     let settings = settings_file::settings(arguments.config.as_ref(), None)?;
     let (truth, _) = in_process::read_scene(&arguments.file, &settings)?;
+    if truth.structures.iter().any(|structure| structure.terrain().is_some()) {
+        let what = format!("{} has terrain, and GeoJSON, which is written here, has flat ground", arguments.file.display());
+        return Err(Failure::Usage(format!("{what}; degrade a scene of footprints or meshes")));
+    }
     let degradation =
         Degradation { heights_percent: arguments.heights, boundary: arguments.boundary.into(), seed: arguments.seed };
     let degraded = degrade(&truth, &degradation);

@@ -1,6 +1,6 @@
 //! The engine without a daemon: from a scene file to a plan in this process, with the times of its steps.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -14,7 +14,7 @@ use super::failure::Failure;
 use super::progress::Meter;
 use crate::camera::{Rig, direction_of};
 use crate::planner::{self, Method, Objective, PlanOptions, StopToken};
-use crate::scene::{self, ImportReport, Scene};
+use crate::scene::{self, GroundFile, ImportReport, Scene};
 use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, RunTimes};
@@ -30,12 +30,34 @@ pub struct Planned {
     pub report: ImportReport,
 }
 
+/// A scene file and, of a surface model, the model of its ground where one is named.
+pub struct SceneFiles<'f> {
+    pub scene: &'f Path,
+    pub ground: Option<&'f Path>,
+}
+
 /// Reads a scene file.
 pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportReport), Failure> {
+    read_scene_files(&SceneFiles { scene: path, ground: None }, settings)
+}
+
+/// The same with the model of the ground that is named, or that stands beside the file.
+pub fn read_scene_files(files: &SceneFiles, settings: &Settings) -> Result<(Scene, ImportReport), Failure> {
+    let path = files.scene;
     let bytes = read_bytes(path)?;
     // The daemon is told absolute paths too: both give a file without a telling name that of its folder.
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    let (mut scene, report) = scene::read(&path.to_string_lossy(), &bytes, &settings.proxy)?;
+    let name = path.to_string_lossy();
+    let beside = || scene::ground_beside(&name).map(PathBuf::from).filter(|path| path.is_file());
+    let is_found = files.ground.is_none();
+    let (mut scene, report) = match files.ground.map(Path::to_owned).or_else(beside) {
+        Some(ground) => {
+            let (bytes_of_ground, file_name) = (read_bytes(&ground)?, ground.to_string_lossy());
+            let ground = GroundFile { file_name: &file_name, bytes: &bytes_of_ground, is_found };
+            scene::read_over_ground(&name, &bytes, &ground, &settings.proxy, None)?
+        }
+        None => scene::read(&name, &bytes, &settings.proxy)?,
+    };
     scene.name = plain_scene_name(&scene.name);
     Ok((scene, report))
 }
@@ -48,7 +70,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
 
 /// Plans a flight over a scene file.
 pub fn plan_file(
-    path: &Path,
+    files: &SceneFiles,
     settings: &Arc<Settings>,
     options: &PlanOptions,
     flown: Option<&Flown>,
@@ -57,7 +79,7 @@ pub fn plan_file(
 ) -> Result<Planned, Failure> {
     let started = Instant::now();
     meter.stage("reading the scene");
-    let (scene, report) = read_scene(path, settings)?;
+    let (scene, report) = read_scene_files(files, settings)?;
     if stop.is_stopped() {
         return Err(Failure::Interrupted);
     }

@@ -6,6 +6,7 @@ use super::answer::{self, Answer, Form};
 use super::arguments::InspectArgs;
 use super::failure::Failure;
 use super::import_lines;
+use super::in_process::SceneFiles;
 use super::outputs::Folder;
 use super::progress::Meter;
 use super::{in_process, settings_file};
@@ -21,7 +22,7 @@ pub fn run(arguments: &InspectArgs, form: Form) -> Result<Answer, Failure> {
     let mut meter = Meter::new(form);
     meter.keep_moving();
     meter.stage("reading the scene");
-    let (scene, report) = in_process::read_scene(&arguments.file, &settings)?;
+    let (scene, report) = in_process::read_scene_files(&SceneFiles { scene: &arguments.file, ground: arguments.dtm.as_deref() }, &settings)?;
     drop(meter);
     let mut object = json!({
         "scene": scene.name,
@@ -56,6 +57,7 @@ fn shape_name(shape: &Shape) -> &'static str {
         Shape::Prism { .. } => "prism",
         Shape::Mesh { .. } => "mesh",
         Shape::Obstacle { .. } => "obstacle",
+        Shape::Terrain(_) => "terrain",
     }
 }
 

@@ -15,7 +15,12 @@ pub fn run(arguments: &LoadArgs, form: Form) -> Result<Answer, Failure> {
     // Reading it here first tells a wrong path from a daemon that may not read it.
     let bytes = in_process::read_bytes(&arguments.file)?;
     let client = daemon::connect(arguments.reach.domain.as_deref())?;
-    let loaded = match load(&client, SceneSource::Path(arguments.file.clone()), arguments, form) {
+    let source = source(&arguments.file, arguments.dtm.as_deref());
+    let loaded = match load(&client, source, arguments, form) {
+        // What is sent is one file.
+        Err(error @ ClientError::Refused { code: RefusalCode::Unreadable, .. }) if arguments.dtm.is_some() => {
+            return Err(error.into());
+        }
         Err(ClientError::Refused { code: RefusalCode::Unreadable, message }) => {
             form.remark(&format!("{message}\nso its content is sent"));
             load(&client, content(&arguments.file, bytes), arguments, form)?
@@ -28,6 +33,15 @@ pub fn run(arguments: &LoadArgs, form: Form) -> Result<Answer, Failure> {
 fn load(client: &Client, source: SceneSource, arguments: &LoadArgs, form: Form) -> Result<Loaded, ClientError> {
     let mut meter = Meter::new(form);
     client.load_as(source, arguments.name.as_deref(), &arguments.read.order(), &mut |note| meter.note(note))
+}
+
+/// A file, and of a surface model the model of its ground, for a daemon that can read them.
+pub fn source(file: &Path, ground: Option<&Path>) -> SceneSource {
+    let path = file.to_owned();
+    match ground {
+        Some(ground) => SceneSource::PathOverGround { path, ground: ground.to_owned() },
+        None => SceneSource::Path(path),
+    }
 }
 
 /// The file as it is sent: under the same name that the daemon would have given it.

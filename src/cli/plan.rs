@@ -50,7 +50,8 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
     let stopper = stop.clone();
     let interrupts = Interrupts::first(form, move || stopper.stop());
     let flown = arguments.en_route.read_flown()?;
-    let planned = in_process::plan_file(Path::new(&arguments.scene), &settings, options, flown.as_ref(), &stop, &mut meter)?;
+    let files = in_process::SceneFiles { scene: Path::new(&arguments.scene), ground: arguments.dtm.as_deref() };
+    let planned = in_process::plan_file(&files, &settings, options, flown.as_ref(), &stop, &mut meter)?;
     drop(interrupts);
     let asked = meter.asked();
     drop(meter);
@@ -123,6 +124,7 @@ fn again(arguments: &PlanArgs) -> String {
         ("region", order.region.as_ref().map(|region| format!("\"{region}\""))),
         ("look", order.look.map(|look| typed(&look.0))),
         ("config", arguments.config.as_ref().map(|path| path.display().to_string())),
+        ("dtm", arguments.dtm.as_ref().map(|path| path.display().to_string())),
         ("samples", sizes.samples.map(|samples| samples.to_string())),
         ("viewpoints", sizes.viewpoints.map(|viewpoints| viewpoints.to_string())),
     ];
@@ -217,6 +219,7 @@ fn remark_departure(plan: &Plan, form: Form) {
 fn refuse_file_options(arguments: &PlanArgs) -> Result<(), Failure> {
     let given = [
         ("--config", arguments.config.is_some()),
+        ("--dtm", arguments.dtm.is_some()),
         ("--samples", arguments.sizes.samples.is_some()),
         ("--viewpoints", arguments.sizes.viewpoints.is_some()),
         ("--flown", arguments.en_route.flown.is_some()),
@@ -227,6 +230,10 @@ fn refuse_file_options(arguments: &PlanArgs) -> Result<(), Failure> {
         Some(("--flown", _)) => Err(Failure::Usage(
             "--flown is for a scene file; for a loaded scene the daemon knows the plan that it published last".into(),
         )),
+        Some(("--dtm", _)) => Err(Failure::Usage(format!(
+            "there is no file {:?}, and --dtm needs one; a loaded scene has its ground from `overfly load FILE --dtm FILE`",
+            arguments.scene
+        ))),
         Some((option, _)) => Err(Failure::Usage(format!(
             "there is no file {:?}, and {option} needs one: the settings of a loaded scene are the daemon's (`overfly serve --config FILE`, `overfly load FILE --help`)",
             arguments.scene

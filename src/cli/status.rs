@@ -183,5 +183,6 @@ fn kind_name(kind: StructureKind) -> &'static str {
         StructureKind::Prism => "prism",
         StructureKind::Mesh => "mesh",
         StructureKind::Obstacle => "obstacle",
+        StructureKind::Terrain => "terrain",
     }
 }

@@ -21,7 +21,12 @@ pub fn run(arguments: &UpdateArgs, form: Form) -> Result<Answer, Failure> {
     let client = daemon::connect(arguments.domain.as_deref())?;
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let started = Instant::now();
-    let (edited, updated) = match update(&client, SceneSource::Path(arguments.file.clone()), arguments, form) {
+    let source = load::source(&arguments.file, arguments.dtm.as_deref());
+    let (edited, updated) = match update(&client, source, arguments, form) {
+        // What is sent is one file.
+        Err(error @ ClientError::Refused { code: RefusalCode::Unreadable, .. }) if arguments.dtm.is_some() => {
+            return Err(error.into());
+        }
         Err(ClientError::Refused { code: RefusalCode::Unreadable, message }) => {
             form.remark(&format!("{message}\nso its content is sent"));
             update(&client, load::content(&arguments.file, bytes), arguments, form)?

@@ -156,6 +156,7 @@ pub fn structure_info(structure: &Structure, samples: u64) -> StructureInfo {
         Shape::Prism { .. } => StructureKind::Prism,
         Shape::Mesh { .. } => StructureKind::Mesh,
         Shape::Obstacle { .. } => StructureKind::Obstacle,
+        Shape::Terrain(_) => StructureKind::Terrain,
     };
     let name = structure.name.clone();
     StructureInfo { id: structure.id.0, name, base_m: bounds.min.z, top_m: bounds.max.z, samples, kind }

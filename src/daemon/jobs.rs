@@ -121,8 +121,15 @@ pub struct Assignment {
 /// Where a scene file comes from.
 #[derive(Debug)]
 pub enum FileSource {
-    Path(PathBuf),
-    Bytes { file_name: String, bytes: Vec<u8> },
+    /// A surface model with the model of its ground where one is named.
+    Path {
+        path: PathBuf,
+        ground: Option<PathBuf>,
+    },
+    Bytes {
+        file_name: String,
+        bytes: Vec<u8>,
+    },
 }
 
 /// What a field is built of.
@@ -154,7 +161,9 @@ impl Workshop {
             workshop.note(assignment, Stage::Read);
             let max_bytes = settings.daemon.max_scene_mb.saturating_mul(1_000_000);
             let read = match source {
-                FileSource::Path(path) => scene_file::read_path(&path, max_bytes, &settings.proxy, anchor.as_ref()),
+                FileSource::Path { path, ground } => {
+                    scene_file::read_path(&path, ground.as_deref(), max_bytes, &settings.proxy, anchor.as_ref())
+                }
                 FileSource::Bytes { file_name, bytes } => {
                     scene_file::read_bytes(&file_name, &bytes, &settings.proxy, anchor.as_ref())
                 }

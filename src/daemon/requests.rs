@@ -112,13 +112,13 @@ impl Daemon {
         tell(ports, ticket, &Reply::Acknowledged);
         self.changed = true;
         match request {
-            Request::LoadPath { path, name, order } => self.load(ticket, at(path), name, &order),
+            Request::LoadPath { path, ground, name, order } => self.load(ticket, at(path, ground), name, &order),
             Request::LoadBytes { file_name, name, order } => {
                 self.load(ticket, FileSource::Bytes { file_name, bytes: bulk }, name, &order)
             }
             Request::Plan { scene, order } => self.plan(ports, ticket, &scene, *order),
             Request::Edit { scene, edits } => self.edit(ports, ticket, &scene, edits, bytes),
-            Request::UpdatePath { scene, path, dry_run } => self.update(ticket, scene, at(path), dry_run),
+            Request::UpdatePath { scene, path, ground, dry_run } => self.update(ticket, scene, at(path, ground), dry_run),
             Request::UpdateBytes { scene, file_name, dry_run } => {
                 self.update(ticket, scene, FileSource::Bytes { file_name, bytes: bulk }, dry_run)
             }
@@ -312,8 +312,9 @@ fn resident_mb() -> f64 {
 }
 
 /// The file of a path as it came in a message.
-fn at(path: Vec<u8>) -> FileSource {
-    FileSource::Path(PathBuf::from(OsString::from_vec(path)))
+fn at(path: Vec<u8>, ground: Option<Vec<u8>>) -> FileSource {
+    let path_of = |path| PathBuf::from(OsString::from_vec(path));
+    FileSource::Path { path: path_of(path), ground: ground.map(path_of) }
 }
 
 fn still_loading(scene: &str) -> Refusal {

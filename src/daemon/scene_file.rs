@@ -3,14 +3,14 @@
 use std::fs::{self, Metadata, OpenOptions};
 use std::io::Read;
 use std::os::unix::fs::OpenOptionsExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use overfly_wire::{Refusal, RefusalCode};
 use rustix::fs::OFlags;
 
 use crate::scene::anchor::Anchor;
-use crate::scene::{self, Scene};
+use crate::scene::{self, GroundFile, ImportError, ImportReport, Scene};
 use crate::settings::ProxySettings;
 
 /// A scene that was read, and what its repairs were.
@@ -25,8 +25,29 @@ pub struct SceneFile {
     pub read_s: f64,
 }
 
-/// Reads the file at `path`, which may hold at most `max_bytes`; with an anchor in the frame of a scene that was read before.
-pub fn read_path(path: &Path, max_bytes: u64, settings: &ProxySettings, anchor: Option<&Anchor>) -> Result<SceneFile, Refusal> {
+/// Reads the file at `path`, a surface model over the model of its ground: that at `ground`, or the one that stands beside it. Each may hold at most
+/// `max_bytes`; with an anchor it is read in the frame of a scene that was read before.
+pub fn read_path(
+    path: &Path,
+    ground: Option<&Path>,
+    max_bytes: u64,
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<SceneFile, Refusal> {
+    let bytes = bytes_of(path, max_bytes)?;
+    let name = path.to_string_lossy();
+    let beside = || scene::ground_beside(&name).map(PathBuf::from).filter(|path| path.is_file());
+    match ground.map(Path::to_owned).or_else(beside) {
+        Some(below) => {
+            let (bytes_below, file_name) = (bytes_of(&below, max_bytes)?, below.to_string_lossy());
+            let below = GroundFile { file_name: &file_name, bytes: &bytes_below, is_found: ground.is_none() };
+            told(bytes.len(), || scene::read_over_ground(&name, &bytes, &below, settings, anchor))
+        }
+        None => read_bytes(&name, &bytes, settings, anchor),
+    }
+}
+
+fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, Refusal> {
     let refusal = |code, cause: String| Refusal::new(code, format!("the daemon cannot read {path:?}: {cause}"));
     let refuse = |cause: String| refusal(RefusalCode::Unreadable, cause);
     let unreadable = |error| refuse(format!("{error}; check the path and that the daemon's user may read it"));
@@ -48,7 +69,7 @@ pub fn read_path(path: &Path, max_bytes: u64, settings: &ProxySettings, anchor: 
     }
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     file.take(max_bytes).read_to_end(&mut bytes).map_err(|error| refuse(error.to_string()))?;
-    read_bytes(&path.to_string_lossy(), &bytes, settings, anchor)
+    Ok(bytes)
 }
 
 /// Reads the content of a file; `file_name` names the scene and helps to tell its format.
@@ -58,15 +79,19 @@ pub fn read_bytes(
     settings: &ProxySettings,
     anchor: Option<&Anchor>,
 ) -> Result<SceneFile, Refusal> {
-    let started = Instant::now();
-    let read = match anchor {
+    told(bytes.len(), || match anchor {
         Some(anchor) => scene::read_anchored(file_name, bytes, settings, anchor),
         None => scene::read(file_name, bytes, settings),
-    };
-    let (scene, report) = read.map_err(|error| Refusal::new(RefusalCode::Import, error.to_string()))?;
+    })
+}
+
+/// What reading a file of so many bytes gives, with what is told of it.
+fn told(bytes: usize, read: impl FnOnce() -> Result<(Scene, ImportReport), ImportError>) -> Result<SceneFile, Refusal> {
+    let started = Instant::now();
+    let (scene, report) = read().map_err(|error| Refusal::new(RefusalCode::Import, error.to_string()))?;
     let report_json = serde_json::to_string(&report)
         .map_err(|error| Refusal::new(RefusalCode::Internal, format!("the import report cannot be written: {error}")))?;
     let report_lines = report.summary().lines().map(str::to_owned).collect();
     let read_s = started.elapsed().as_secs_f64();
-    Ok(SceneFile { scene, anchor: report.anchor, bytes: bytes.len(), report_json, report_lines, read_s })
+    Ok(SceneFile { scene, anchor: report.anchor, bytes, report_json, report_lines, read_s })
 }

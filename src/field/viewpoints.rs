@@ -199,10 +199,15 @@ fn viewpoint(free: &FreeSpace, lattice: &Lattice, cell: Cell) -> Option<Viewpoin
     if !free.limits.contains(&position) {
         return None;
     }
-    let clearance_m = free.clearance.point_distance_m(&position, lattice.shell_m);
-    if clearance_m >= lattice.shell_m || !free.is_safe(&position) {
+    // The shell lies around what is to be seen, not over all of the ground.
+    let standing_m = free.clearance.standing_distance_m(&position, lattice.shell_m);
+    if standing_m >= lattice.shell_m || !free.is_safe(&position) {
         return None;
     }
+    let clearance_m = match free.terrain() {
+        Some(_) => free.clearance.point_distance_m(&position, standing_m),
+        None => standing_m,
+    };
     Some(Viewpoint { position, clearance_m })
 }
 

@@ -10,6 +10,8 @@ pub enum Anchor {
     Degrees(Geodetic),
     /// Of CityJSON: a point of the file's grid, in its units; z is the ground.
     Grid { epsg: Option<u32>, origin: [f64; 3] },
+    /// Of a height raster or a point cloud: a point of the file's grid, in its units; z is the lowest place of the terrain.
+    Heights { epsg: Option<u32>, origin: [f64; 3] },
     /// Of an OBJ mesh: a point in its coordinates, m; z is the ground.
     Mesh { origin_m: [f64; 3] },
 }
@@ -34,6 +36,14 @@ impl Anchor {
         }
     }
 
+    /// The origin in the grid of a height raster or a point cloud with this reference system.
+    pub(crate) fn heights(&self, file: &str, epsg: Option<u32>) -> Result<[f64; 3], ImportError> {
+        match self {
+            Self::Heights { epsg: own, origin } if *own == epsg => Ok(*origin),
+            _ => Err(self.mismatch(file, &format!("a height model {}", reference(epsg)))),
+        }
+    }
+
     /// The origin in the coordinates of an OBJ file.
     pub(crate) fn mesh(&self, file: &str) -> Result<[f64; 3], ImportError> {
         match self {
@@ -46,6 +56,7 @@ impl Anchor {
         let own = match self {
             Self::Degrees(_) => "a GeoJSON file".to_owned(),
             Self::Grid { epsg, .. } => format!("a CityJSON file {}", reference(*epsg)),
+            Self::Heights { epsg, .. } => format!("a height model {}", reference(*epsg)),
             Self::Mesh { .. } => "an OBJ file".to_owned(),
         };
         ImportError::Anchor { file: file.into(), what: format!("it is {found}, and the scene was loaded from {own}") }

@@ -34,18 +34,19 @@ pub struct Clearance {
 struct Body {
     bvh: Bvh,
     triangles: Vec<Triangle>,
+    is_ground: bool,
 }
 
 impl Clearance {
     pub fn new(scene: &Scene) -> Self {
-        Self::of_bodies(scene.structures.par_iter().map(|structure| Arc::new(Body::new(structure.triangles()))).collect())
+        Self::of_bodies(scene.structures.par_iter().map(|structure| Arc::new(Body::of(structure))).collect())
     }
 
     /// Of a scene of which these structures are known from an earlier one.
     pub fn after(before: &Self, scene: &Scene, differences: &Differences) -> Self {
         let body = |(structure, kept): (&Arc<Structure>, &Option<usize>)| match kept {
             Some(index) => Arc::clone(&before.bodies[*index]),
-            None => Arc::new(Body::new(structure.triangles())),
+            None => Arc::new(Body::of(structure)),
         };
         Self::of_bodies(scene.structures.iter().zip(&differences.kept).map(body).collect())
     }
@@ -85,7 +86,13 @@ impl Clearance {
 
     /// Distance of `p` to the nearest triangle, m; `cap_m` when that is farther.
     pub fn point_distance_m(&self, p: &Point3<f64>, cap_m: f64) -> f64 {
-        self.least(cap_m, |node| box_distance_squared(p, node), |triangle| point_triangle_squared(p, triangle))
+        self.least(cap_m, |_| true, |node| box_distance_squared(p, node), |triangle| point_triangle_squared(p, triangle))
+    }
+
+    /// The same to what stands on the ground: the terrain does not count.
+    pub fn standing_distance_m(&self, p: &Point3<f64>, cap_m: f64) -> f64 {
+        let is_standing = |body: &Body| !body.is_ground;
+        self.least(cap_m, is_standing, |node| box_distance_squared(p, node), |triangle| point_triangle_squared(p, triangle))
     }
 
     /// Distance of the segment to the nearest triangle, m; `cap_m` when that is farther.
@@ -94,6 +101,7 @@ impl Clearance {
         // The slab test gives no distance, so a box counts as near when the segment meets it grown by the cap.
         self.least(
             cap_m,
+            |_| true,
             |node| if segment_meets_box(a, &inverse, node, cap_m) { 0.0 } else { f64::INFINITY },
             |triangle| segment_triangle_squared(a, b, triangle),
         )
@@ -123,11 +131,20 @@ impl Clearance {
         })
     }
 
-    fn least(&self, cap_m: f64, bound: impl Fn(&BvhNode) -> f64, exact: impl Fn(&Triangle) -> f64) -> f64 {
+    fn least(
+        &self,
+        cap_m: f64,
+        counts: impl Fn(&Body) -> bool,
+        bound: impl Fn(&BvhNode) -> f64,
+        exact: impl Fn(&Triangle) -> f64,
+    ) -> f64 {
         let best = Cell::new(cap_m * cap_m);
         let is_near = |node: &BvhNode| bound(node) < best.get();
         any_leaf(&self.bvh, &is_near, |leaf| {
             let body = &self.bodies[self.leaves[leaf]];
+            if !counts(body) {
+                return false;
+            }
             any_leaf(&body.bvh, &is_near, |triangle| {
                 best.set(best.get().min(exact(&body.triangles[triangle])));
                 false
@@ -160,9 +177,13 @@ impl Exchange {
 }
 
 impl Body {
+    fn of(structure: &Structure) -> Self {
+        Self { is_ground: structure.terrain().is_some(), ..Self::new(structure.triangles()) }
+    }
+
     fn new(triangles: Vec<Triangle>) -> Self {
         let boxes: Vec<Aabb> = triangles.iter().map(outer_box).collect();
-        Self { bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles }
+        Self { bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles, is_ground: false }
     }
 }
 

@@ -107,7 +107,7 @@ pub fn degrade(scene: &Scene, degradation: &Degradation) -> Degraded {
 fn degrade_structure(structure: &Arc<Structure>, degradation: &Degradation) -> (Arc<Structure>, LargestError) {
     let factor = height_factor(structure, degradation);
     let outward_m = degradation.boundary.outward_m();
-    if factor == 1.0 && outward_m == 0.0 {
+    if (factor == 1.0 && outward_m == 0.0) || structure.terrain().is_some() {
         return (Arc::clone(structure), LargestError::default());
     }
     let stretched = stretched(structure, factor);
@@ -146,7 +146,7 @@ fn stretched(structure: &Structure, factor: f64) -> Structure {
             Shape::Mesh { triangles }
         }
         // It was measured in flight.
-        Shape::Obstacle { .. } => structure.shape.clone(),
+        Shape::Obstacle { .. } | Shape::Terrain(_) => structure.shape.clone(),
     };
     Structure { shape, ..structure.clone() }
 }

@@ -10,6 +10,7 @@ use super::bounds::Bounds;
 use super::clearance::Clearance;
 use super::differences::Differences;
 use super::proxy::{NoFlyZone, Scene, Structure, ZoneSource};
+use super::terrain::Terrain;
 use crate::frame::{Geodetic, LocalFrame};
 use crate::settings::{FlightSettings, NoFlySetting};
 
@@ -19,11 +20,15 @@ pub struct FreeSpace {
     pub clearance: Clearance,
     solids: Vec<Solid>,
     zones: Vec<NoFlyZone>,
-    /// The box of admissible positions, m: lateral limits and altitudes.
+    /// The box of admissible positions, m: lateral limits and altitudes. Over terrain those above z = 0 that any place of it allows; what each place
+    /// allows is looked up in the terrain.
     pub limits: Bounds,
     pub safety_distance_m: f64,
-    /// The box around all structures.
+    /// The box around all structures on the ground.
     pub bounds: Option<Bounds>,
+    terrain: Option<Arc<Terrain>>,
+    /// The least altitude and the legal ceiling above the terrain, m.
+    altitudes_m: [f64; 2],
 }
 
 /// A structure of the scene.
@@ -48,6 +53,10 @@ pub enum Obstruction {
     Inside(String),
     #[error("it comes within {distance_m:.2} m of a structure, nearer than the safety distance of {safety_m} m")]
     TooNear { distance_m: f64, safety_m: f64 },
+    #[error(
+        "it is {low_m:.1} to {high_m:.1} m above the terrain, outside of the altitudes {least_m:.0}..{most_m:.0} m that are allowed"
+    )]
+    Altitude { low_m: f64, high_m: f64, least_m: f64, most_m: f64 },
     #[error("it enters the no-fly zone {0:?}")]
     Zone(String),
 }
@@ -89,14 +98,18 @@ impl FreeSpace {
         }
         let bounds_of =
             |is_in: &dyn Fn(&&Solid) -> bool| solids.iter().filter(is_in).map(|solid| solid.bounds).reduce(|a, b| a.union(&b));
-        let (all, captured) = (bounds_of(&|_| true), bounds_of(&|solid| solid.structure.is_captured()));
+        let is_standing = |solid: &&Solid| solid.structure.terrain().is_none();
+        let (all, captured) = (bounds_of(&is_standing), bounds_of(&|solid| solid.structure.is_captured()));
+        let terrain = scene.structures.iter().find_map(|structure| structure.terrain()).map(Arc::clone);
         Ok(Self {
             clearance,
-            limits: limits(captured, settings),
+            limits: limits(captured, terrain.as_deref(), settings),
             bounds: all,
             solids,
             zones,
             safety_distance_m: settings.safety_distance_m,
+            terrain,
+            altitudes_m: [settings.altitude_min_m, settings.legal_ceiling_m],
         })
     }
 
@@ -108,6 +121,7 @@ impl FreeSpace {
             clearance: self.clearance.only(is_new),
             solids: solids.map(|(_, solid)| solid.clone()).collect(),
             zones: self.zones.clone(),
+            terrain: self.terrain.clone(),
             ..*self
         }
     }
@@ -139,6 +153,9 @@ impl FreeSpace {
     /// Why the straight leg from `a` to `b` is not safe over its whole length, given that both ends are safe positions.
     pub fn obstruction_between(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
         // The limits are a box, and so convex: two ends inside keep the leg inside.
+        if let Some(cause) = self.altitude_between(a, b) {
+            return Some(cause);
+        }
         if !self.clearance.keeps_distance(a, b, self.safety_distance_m) {
             let distance_m = self.clearance.segment_distance_m(a, b, self.safety_distance_m);
             return Some(Obstruction::TooNear { distance_m, safety_m: self.safety_distance_m });
@@ -147,6 +164,23 @@ impl FreeSpace {
             return Some(Obstruction::Inside(structure.name.clone()));
         }
         self.zone_between(a, b)
+    }
+
+    /// Why the straight line from `a` to `b` is too low or too high above the terrain, if there is one.
+    pub fn altitude_between(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
+        let terrain = self.terrain.as_ref().filter(|terrain| !terrain.keeps_altitude(a, b, self.altitudes_m))?;
+        let ([low_m, high_m], [least_m, most_m]) = (terrain.altitudes_m(a, b), self.altitudes_m);
+        Some(Obstruction::Altitude { low_m, high_m, least_m, most_m })
+    }
+
+    /// Whether the straight line from `a` to `b` keeps the altitudes above the terrain, if there is one.
+    fn keeps_altitude(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        self.terrain.as_ref().is_none_or(|terrain| terrain.keeps_altitude(a, b, self.altitudes_m))
+    }
+
+    /// The ground where it is not flat.
+    pub fn terrain(&self) -> Option<&Terrain> {
+        self.terrain.as_deref()
     }
 
     /// The no-fly zone that the straight line from `a` to `b` enters, if any.
@@ -174,6 +208,7 @@ impl FreeSpace {
     /// Whether `p` is a safe position: [`FreeSpace::obstruction_at`] without a reason, cheapest tests first.
     pub fn is_safe(&self, p: &Point3<f64>) -> bool {
         self.limits.contains(p)
+            && self.keeps_altitude(p, p)
             && self.clearance.keeps_distance(p, p, self.safety_distance_m)
             && !self.zones.iter().any(|zone| zone.meets(p, p))
             && self.structure_around(p).is_none()
@@ -181,14 +216,16 @@ impl FreeSpace {
 
     /// Whether the leg between two safe positions is safe. The hot path of the search: no reason is made up.
     pub fn is_leg_safe(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
-        self.clearance.keeps_distance(a, b, self.safety_distance_m)
+        self.keeps_altitude(a, b)
+            && self.clearance.keeps_distance(a, b, self.safety_distance_m)
             && !self.zones.iter().any(|zone| zone.meets(a, b))
             && self.structure_along(a, b).is_none()
     }
 
     /// Whether nothing stands above `p`.
     pub fn sees_the_sky(&self, p: &Point3<f64>) -> bool {
-        let top_m = self.bounds.map_or(0.0, |bounds| bounds.max.z);
+        let ground_m = self.terrain.as_ref().map_or(0.0, |terrain| terrain.range_m()[1]);
+        let top_m = self.bounds.map_or(0.0, |bounds| bounds.max.z).max(ground_m);
         !self.clearance.occluded(p, &Point3::new(p.x, p.y, top_m + 1.0))
     }
 
@@ -274,14 +311,16 @@ fn share_between(z0: f64, z1: f64, floor: f64, ceiling: f64) -> Option<(f64, f64
 }
 
 /// The box of admissible positions above the structures that are to be captured; empty (it contains nothing) without any.
-fn limits(captured: Option<Bounds>, settings: &FlightSettings) -> Bounds {
+fn limits(captured: Option<Bounds>, terrain: Option<&Terrain>, settings: &FlightSettings) -> Bounds {
     let margin = settings.lateral_margin_m;
     let Some(all) = captured else {
         return Bounds { min: Point3::origin(), max: Point3::new(-1.0, -1.0, -1.0) };
     };
-    let top = (all.max.z + settings.above_tallest_m).min(settings.legal_ceiling_m);
+    // The legal ceiling is one above the ground below.
+    let [lowest_m, highest_m] = terrain.map_or([0.0; 2], Terrain::range_m);
+    let top = (all.max.z + settings.above_tallest_m).min(highest_m + settings.legal_ceiling_m);
     Bounds {
-        min: Point3::new(all.min.x - margin, all.min.y - margin, settings.altitude_min_m),
+        min: Point3::new(all.min.x - margin, all.min.y - margin, lowest_m + settings.altitude_min_m),
         max: Point3::new(all.max.x + margin, all.max.y + margin, top),
     }
 }

@@ -5,6 +5,7 @@
 pub mod bounds;
 pub mod proxy;
 pub mod solid;
+pub mod terrain;
 
 pub mod anchor;
 pub mod read;
@@ -29,6 +30,7 @@ mod obj;
 mod orient;
 mod osm_pbf;
 mod ply;
+mod raster;
 mod stl;
 mod zone;
 
@@ -48,6 +50,7 @@ pub mod free_space;
 pub use bounds::Bounds;
 pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle, ZoneSource};
-pub use read::{ENDINGS, ImportError, KNOWN_FORMATS, read, read_anchored};
+pub use read::{ENDINGS, GroundFile, ImportError, KNOWN_FORMATS, ground_beside, read, read_anchored, read_over_ground};
 pub use report::{ImportReport, ItemKind, Meaning, Place, ReportItem};
+pub use terrain::{TERRAIN_NAME, Terrain};
 pub use write::to_geojson;

@@ -7,6 +7,7 @@ use geo::{Coord, LineString, MultiPolygon, Polygon};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
+use super::terrain::Terrain;
 use crate::fingerprint::fnv1a;
 use crate::frame::LocalFrame;
 
@@ -30,7 +31,8 @@ impl fmt::Display for StructureId {
     }
 }
 
-/// The rough scene: structures on a flat ground plane at z = 0 of the local frame, and the zones that must not be entered.
+/// The rough scene: structures on the ground, and the zones that must not be entered. The ground is the plane z = 0 of the local frame, or the
+/// terrain among the structures, whose lowest place z = 0 is.
 ///
 /// Structures are sorted by id and ids are unique, so that two scenes with the same structures are the same value whatever the
 /// order in which they were made.
@@ -54,7 +56,15 @@ pub struct Structure {
 impl Structure {
     /// Whether its surface is to be captured.
     pub fn is_captured(&self) -> bool {
-        !matches!(self.shape, Shape::Obstacle { .. })
+        matches!(self.shape, Shape::Prism { .. } | Shape::Mesh { .. })
+    }
+
+    /// The ground, where this structure is that.
+    pub fn terrain(&self) -> Option<&Arc<Terrain>> {
+        match &self.shape {
+            Shape::Terrain(terrain) => Some(terrain),
+            _ => None,
+        }
     }
 }
 
@@ -69,6 +79,9 @@ pub enum Shape {
     /// Something in the way, as a sensor on board reports it: a solid like that of [`Shape::Prism`], which hides what is behind it and which flights
     /// keep clear of, but whose surface nobody wants to capture. It has no samples and does not widen the flight limits.
     Obstacle { footprint: MultiPolygon<f64>, base_m: f64, top_m: f64 },
+    /// The ground where it is not flat; a scene has one at most. It hides what is behind it, flights keep clear of it and their least altitude above it,
+    /// and it has no samples. Edits leave it alone.
+    Terrain(Arc<Terrain>),
 }
 
 impl Shape {

@@ -12,13 +12,13 @@ use super::bounds::Bounds;
 use super::json::Scalar;
 use super::proxy::{NoFlyZone, Scene, Shape, Structure};
 use super::report::{ImportReport, Place};
-use super::{cityjson, geojson, gltf_file, obj, osm_pbf, ply, stl};
+use super::{cityjson, geojson, gltf_file, obj, osm_pbf, ply, raster, stl};
 use crate::frame::LocalFrame;
 use crate::settings::ProxySettings;
 
 /// What is read, as errors tell it.
 pub const KNOWN_FORMATS: &str =
-    "GeoJSON footprints with heights, OpenStreetMap PBF, CityJSON, CityJSON sequences, OBJ, PLY, STL and glTF (.glb) meshes";
+    "GeoJSON footprints with heights, OpenStreetMap PBF, CityJSON, CityJSON sequences, meshes as OBJ, PLY, STL and glTF (.glb), GeoTIFF surface models, LAS and LAZ point clouds";
 
 /// Why a file is no scene. Nothing has been loaded.
 #[derive(Debug, thiserror::Error)]
@@ -98,7 +98,40 @@ pub enum ImportError {
 /// Reads a scene. The format follows from the content, then from the ending of `file_name`; the scene is named after the file.
 /// `bytes` may hold anything.
 pub fn read(file_name: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(Scene, ImportReport), ImportError> {
-    read_format(file_name, bytes, settings, None)
+    read_format(file_name, bytes, None, settings, None)
+}
+
+/// A model of the ground (DTM) that belongs to a surface model (DSM), both GeoTIFF.
+#[derive(Clone, Copy, Debug)]
+pub struct GroundFile<'f> {
+    pub file_name: &'f str,
+    pub bytes: &'f [u8],
+    /// It was not named, but stands beside the surface model.
+    pub is_found: bool,
+}
+
+/// The path of the model of the ground that belongs beside a surface model, whether or not there is one: that with `dtm` in place of the last `dsm` in
+/// the file's name, in capitals where that is. `None` for files of other formats.
+pub fn ground_beside(file_name: &str) -> Option<String> {
+    let lower = file_name.to_ascii_lowercase();
+    let is_raster = [".tif", ".tiff"].iter().any(|ending| lower.ends_with(ending));
+    let base = lower.rfind(['/', '\\']).map_or(0, |slash| slash + 1);
+    let at = base + lower[base..].rfind("dsm").filter(|_| is_raster)?;
+    let ground = if file_name[at..].starts_with("DSM") { "DTM" } else { "dtm" };
+    Some(format!("{}{ground}{}", &file_name[..at], &file_name[at + 3..]))
+}
+
+/// Reads a surface model over a model of the ground; in the frame of a scene that was read before where an anchor is given. Other formats have their
+/// ground in themselves and are refused with one.
+pub fn read_over_ground(
+    file_name: &str,
+    bytes: &[u8],
+    ground: &GroundFile,
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<(Scene, ImportReport), ImportError> {
+    let read = read_format(file_name, bytes, Some(ground), settings, anchor)?;
+    if anchor.is_some() { near(file_name, read, settings) } else { Ok(read) }
 }
 
 /// The same in the frame of a scene that was read before with this anchor (`ImportReport::anchor`): what both files have in common is the same, bit for
@@ -109,7 +142,15 @@ pub fn read_anchored(
     settings: &ProxySettings,
     anchor: &Anchor,
 ) -> Result<(Scene, ImportReport), ImportError> {
-    let (scene, report) = read_format(file_name, bytes, settings, Some(anchor))?;
+    near(file_name, read_format(file_name, bytes, None, settings, Some(anchor))?, settings)
+}
+
+/// What was read into the frame of another scene, unless it lies too far away.
+fn near(
+    file_name: &str,
+    (scene, report): (Scene, ImportReport),
+    settings: &ProxySettings,
+) -> Result<(Scene, ImportReport), ImportError> {
     let middle = scene.bounds().map_or(Point3::origin(), |bounds| nalgebra::center(&bounds.min, &bounds.max));
     let distance_m = libm::hypot(middle.x, middle.y);
     if distance_m > settings.max_extent_m {
@@ -122,6 +163,7 @@ pub fn read_anchored(
 fn read_format(
     file_name: &str,
     bytes: &[u8],
+    ground: Option<&GroundFile>,
     settings: &ProxySettings,
     anchor: Option<&Anchor>,
 ) -> Result<(Scene, ImportReport), ImportError> {
@@ -130,6 +172,17 @@ fn read_format(
     let Some(first) = bytes.iter().find(|byte| !byte.is_ascii_whitespace()) else {
         return Err(ImportError::EmptyFile { file });
     };
+    if is_tiff(bytes) {
+        return raster::read_tiff(file_name, bytes, ground, settings, anchor);
+    }
+    if let Some(ground) = ground {
+        let what =
+            format!("a model of the ground ({}) is given to a file that is no surface model in a GeoTIFF", ground.file_name);
+        return Err(ImportError::Structure { file, what, remedy: "leave it out" });
+    }
+    if bytes.starts_with(b"LASF") {
+        return raster::read_cloud(file_name, bytes, settings, anchor);
+    }
     if matches!(first, b'{' | b'[') {
         return match json_kind(file_name, bytes)? {
             JsonKind::Sequence => cityjson::read_sequence(file_name, bytes, settings, anchor),
@@ -195,7 +248,7 @@ pub(crate) fn stem(file_name: &str) -> String {
 }
 
 /// Endings of files that are read, longer ones first.
-pub const ENDINGS: [&str; 13] = [
+pub const ENDINGS: [&str; 17] = [
     ".city.jsonl",
     ".city.json",
     ".geo.json",
@@ -208,7 +261,7 @@ pub const ENDINGS: [&str; 13] = [
     ".obj",
     ".pbf",
     ".ply",
-    ".stl",
+    ".stl", ".tif", ".tiff", ".las", ".laz",
 ];
 
 /// File names that tell nothing about the scene.
@@ -226,7 +279,7 @@ pub(crate) fn assemble(
     let mut structures: Vec<Arc<Structure>> = structures.into_iter().map(Arc::new).collect();
     structures.sort_by_key(|structure| structure.id);
     let scene = Scene { name: stem(file_name), frame, structures, zones };
-    report.structures = scene.structures.len();
+    report.structures = scene.structures.iter().filter(|structure| structure.terrain().is_none()).count();
     report.zones = scene.zones.len();
     if let Some(bounds) = scene.bounds() {
         report.extent_m = [bounds.max.x - bounds.min.x, bounds.max.y - bounds.min.y];
@@ -277,15 +330,17 @@ fn json_kind(file_name: &str, bytes: &[u8]) -> Result<JsonKind, ImportError> {
 }
 
 fn foreign_format(bytes: &[u8]) -> Option<&'static str> {
-    const MAGIC: [(&[u8], &str); 6] = [
-        (b"II*\0", "a TIFF raster"),
-        (b"MM\0*", "a TIFF raster"),
-        (b"LASF", "a LAS or LAZ point cloud"),
+    const MAGIC: [(&[u8], &str); 3] = [
         (b"PK\x03\x04", "a zip archive"),
         (b"\x1f\x8b", "gzip-compressed"),
         (b"<", "XML (CityGML, KML or Collada)"),
     ];
     MAGIC.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, name)| *name)
+}
+
+/// TIFF and BigTIFF, in both orders of bytes.
+fn is_tiff(bytes: &[u8]) -> bool {
+    [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| bytes.starts_with(*magic))
 }
 
 fn looks_like_obj(bytes: &[u8]) -> bool {
@@ -305,7 +360,7 @@ const MOST_WORK: usize = 100_000_000;
 fn count_overlaps(structures: &[Structure], report: &mut ImportReport) {
     let prisms = structures.iter().filter_map(|structure| match &structure.shape {
         Shape::Prism { footprint, .. } => Some((structure.bounds(), structure.name.as_str(), footprint)),
-        Shape::Mesh { .. } | Shape::Obstacle { .. } => None,
+        Shape::Mesh { .. } | Shape::Obstacle { .. } | Shape::Terrain(_) => None,
     });
     let mut prisms: Vec<_> = prisms.collect();
     prisms.sort_by(|a, b| a.0.min.x.total_cmp(&b.0.min.x));

@@ -19,6 +19,8 @@ pub enum Format {
     OsmPbf,
     Ply,
     Stl,
+    GeoTiff,
+    PointCloud,
 }
 
 impl Format {
@@ -33,6 +35,8 @@ impl Format {
             Self::OsmPbf => "OpenStreetMap PBF",
             Self::Ply => "PLY",
             Self::Stl => "STL",
+            Self::GeoTiff => "GeoTIFF",
+            Self::PointCloud => "point cloud",
         }
     }
 }

@@ -22,9 +22,10 @@ const OUTLINE_NOISE_M2: f64 = 0.01;
 const MOST_AT_ONCE: usize = 512;
 
 impl Scene {
-    /// The box around all structures; `None` for a scene without structures.
+    /// The box around all structures on the ground; `None` for a scene without structures.
     pub fn bounds(&self) -> Option<Bounds> {
-        self.structures.iter().map(|structure| structure.bounds()).reduce(|a, b| a.union(&b))
+        let standing = self.structures.iter().filter(|structure| structure.terrain().is_none());
+        standing.map(|structure| structure.bounds()).reduce(|a, b| a.union(&b))
     }
 }
 
@@ -36,6 +37,7 @@ impl Structure {
             Shape::Prism { footprint, base_m, top_m } | Shape::Obstacle { footprint, base_m, top_m } => {
                 prism_triangles(footprint, *base_m, *top_m)
             }
+            Shape::Terrain(terrain) => terrain.triangles(),
         }
     }
 
@@ -45,22 +47,24 @@ impl Structure {
             Shape::Prism { footprint, base_m, top_m } | Shape::Obstacle { footprint, base_m, top_m } => {
                 Bounds::above(footprint, *base_m, *top_m)
             }
+            Shape::Terrain(terrain) => Some(terrain.bounds()),
         };
         bounds.unwrap_or(Bounds { min: Point3::origin(), max: Point3::origin() })
     }
 
-    /// The structure seen from above, m: exterior rings counter-clockwise, holes clockwise.
+    /// The structure seen from above, m: exterior rings counter-clockwise, holes clockwise. The terrain, which is everywhere, has no outline.
     pub fn outlines(&self) -> MultiPolygon<f64> {
         match &self.shape {
             Shape::Prism { footprint, .. } | Shape::Obstacle { footprint, .. } => footprint.clone(),
             Shape::Mesh { triangles } => shadow(triangles),
+            Shape::Terrain(_) => MultiPolygon(Vec::new()),
         }
     }
 
     /// Whether nothing gets inside without passing through the surface.
     pub fn is_closed(&self) -> bool {
         match &self.shape {
-            Shape::Prism { .. } | Shape::Obstacle { .. } => true,
+            Shape::Prism { .. } | Shape::Obstacle { .. } | Shape::Terrain(_) => true,
             Shape::Mesh { triangles } => is_closed(triangles),
         }
     }
@@ -77,6 +81,7 @@ impl Structure {
                 let bounds = self.bounds();
                 bounds.contains(point) && winding_number(triangles, point, bounds.min.z < STANDS_ON_GROUND_M) > 0.5
             }
+            Shape::Terrain(terrain) => terrain.contains(point),
         }
     }
 }

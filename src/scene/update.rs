@@ -54,7 +54,7 @@ impl Changed {
 
 impl Scene {
     /// This scene with the structures and zones of `file`, a newer version of its file in the same frame. Obstacles and the zones that edits have added
-    /// stay: no file knows of them. What is the same in both is shared with this scene, also a structure that was only rounded otherwise.
+    /// stay: no file takes them away. What is the same in both is shared with this scene, also a structure that was only rounded otherwise.
     pub fn updated(&self, file: &Scene) -> Result<(Scene, Changes), UpdateError> {
         let (structures, of_structures) = self.updated_structures(file)?;
         let (zones, of_zones) = self.updated_zones(file)?;
@@ -67,7 +67,7 @@ impl Scene {
         let mut structures = Vec::with_capacity(file.structures.len());
         for new in &file.structures {
             match self.structure(new.id) {
-                Some(old) if !old.is_captured() => {
+                Some(old) if !old.is_captured() && new.is_captured() => {
                     return Err(UpdateError::Obstacle { scene: self.name.clone(), name: new.name.clone() });
                 }
                 Some(old) if is_same(&old.shape, &new.shape) => structures.push(Arc::clone(old)),
@@ -79,7 +79,7 @@ impl Scene {
             }
         }
         for old in self.structures.iter().filter(|old| file.structure(old.id).is_none()) {
-            if old.is_captured() {
+            if old.is_captured() || old.terrain().is_some() {
                 changed.removed.push(old.name.clone());
             } else {
                 structures.push(Arc::clone(old));

@@ -153,7 +153,7 @@ impl Sampler {
     }
 }
 
-/// The samples of one structure, all marked exposed; an obstacle has none.
+/// The samples of one structure, all marked exposed; obstacles and terrain have none.
 ///
 /// The surface is cut into small triangles, these are put into an order in which neighbours follow one another (by facing, then
 /// along a space-filling curve), and every A/n of the summed area one of them is taken: an even spread without random clumps.
@@ -198,7 +198,7 @@ fn outward_normals(
     offset_m: f64,
 ) -> impl Iterator<Item = Vector3<f64>> + use<> {
     let (front, back) = match structure.shape {
-        Shape::Prism { .. } | Shape::Obstacle { .. } => (true, false),
+        Shape::Prism { .. } | Shape::Obstacle { .. } | Shape::Terrain(_) => (true, false),
         Shape::Mesh { .. } => {
             (!structure.contains(&(position + normal * offset_m)), !structure.contains(&(position - normal * offset_m)))
         }
@@ -298,7 +298,7 @@ fn scene_area_m2(scene: &Scene) -> f64 {
 fn surface_m2(structure: &Structure) -> f64 {
     match &structure.shape {
         Shape::Mesh { triangles } => triangles.iter().map(area_m2).sum(),
-        Shape::Obstacle { .. } => 0.0,
+        Shape::Obstacle { .. } | Shape::Terrain(_) => 0.0,
         Shape::Prism { footprint, base_m, top_m } => {
             let rings = footprint.iter().flat_map(|polygon| std::iter::once(polygon.exterior()).chain(polygon.interiors()));
             let edges_m: f64 = rings.flat_map(|ring| ring.lines()).map(|edge| (edge.delta().x).hypot(edge.delta().y)).sum();

@@ -98,6 +98,13 @@ pub fn check_views(rig: &Rig, images: &[Image]) -> Result<(), UnsafeCurve> {
 /// flight, which are convex, where these do.
 fn arc_obstruction(arc: &Arc, free: &FreeSpace) -> Option<Obstruction> {
     let [start, end] = arc.ends();
+    // All sides of the hull keep the altitudes above the terrain, and the arc between them, where the ground is no steeper than 45 degrees, to twice the
+    // sagitta.
+    if free.terrain().is_some()
+        && let Some(cause) = arc.hull(SAGITTA_M).flatten().find_map(|[from, to]| free.altitude_between(&from, &to))
+    {
+        return Some(cause);
+    }
     // Most arcs are far from everything: one look at the whole arc is enough, but for zones, of which some are thinner than an arc, and for what
     // lies behind a large hole of a mesh.
     if free.clearance.keeps_distance(&start, &end, free.safety_distance_m + arc.sagitta_m()) {

@@ -30,6 +30,8 @@ const KEPT_PLANS: usize = 8;
 pub enum SceneSource {
     /// A file that the daemon can read.
     Path(PathBuf),
+    /// A surface model (DSM) and the model of its ground (DTM), both GeoTIFF files that the daemon can read.
+    PathOverGround { path: PathBuf, ground: PathBuf },
     /// The content of a file, which is sent. The name tells its format and names the scene, best as an absolute path: a file called
     /// `buildings.geojson` is named after its folder.
     Bytes { file_name: String, bytes: Vec<u8> },
@@ -90,7 +92,11 @@ impl Client {
         let (name, order) = (name.map(str::to_owned), Box::new(order.clone()));
         let (request, bulk) = match source {
             SceneSource::Bytes { file_name, bytes } => (Request::LoadBytes { file_name, name, order }, bytes),
-            SceneSource::Path(path) => (Request::LoadPath { path: absolute(path)?, name, order }, Vec::new()),
+            SceneSource::Path(path) => (Request::LoadPath { path: absolute(path)?, ground: None, name, order }, Vec::new()),
+            SceneSource::PathOverGround { path, ground } => {
+                let ground = Some(absolute(ground)?);
+                (Request::LoadPath { path: absolute(path)?, ground, name, order }, Vec::new())
+            }
         };
         match self.link.call(&request, &bulk, PATIENCE, on_progress)?.1 {
             Reply::Loaded(loaded) => Ok(loaded),
@@ -161,7 +167,13 @@ impl Client {
         let scene = scene.to_owned();
         let (request, bulk) = match source {
             SceneSource::Bytes { file_name, bytes } => (Request::UpdateBytes { scene: scene.clone(), file_name, dry_run }, bytes),
-            SceneSource::Path(path) => (Request::UpdatePath { scene: scene.clone(), path: absolute(path)?, dry_run }, Vec::new()),
+            SceneSource::Path(path) => {
+                (Request::UpdatePath { scene: scene.clone(), path: absolute(path)?, ground: None, dry_run }, Vec::new())
+            }
+            SceneSource::PathOverGround { path, ground } => {
+                let ground = Some(absolute(ground)?);
+                (Request::UpdatePath { scene: scene.clone(), path: absolute(path)?, ground, dry_run }, Vec::new())
+            }
         };
         match self.link.call(&request, &bulk, PATIENCE, on_progress)? {
             (correlation, Reply::Updated(updated)) => {

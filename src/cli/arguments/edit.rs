@@ -160,6 +160,9 @@ pub struct UpdateArgs {
     pub scene: String,
     /// The new version of its file
     pub file: PathBuf,
+    /// Only for a GeoTIFF surface model: the model of its ground, as for `overfly load`
+    #[arg(long, value_name = "FILE")]
+    pub dtm: Option<PathBuf>,
     /// Only print what differs
     #[arg(long, conflicts_with_all = ["out", "no_wait"])]
     pub dry_run: bool,

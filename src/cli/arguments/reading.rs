@@ -52,13 +52,16 @@ impl ReadArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "Says what is in a scene file, what was repaired, guessed and left out, item by item, and draws it: with --out inspect.json and inspect.svg. \
-    Formats: GeoJSON, OpenStreetMap PBF, CityJSON and CityJSON sequences, OBJ, PLY, STL, glTF.\n\nExamples:\n  overfly inspect town.osm.pbf --out report\n  \
+    Formats: GeoJSON, OpenStreetMap PBF, CityJSON and CityJSON sequences, OBJ, PLY, STL, glTF, GeoTIFF, LAS and LAZ.\n\nExamples:\n  overfly inspect town.osm.pbf --out report\n  \
     overfly inspect town.geojson --missing-heights drop\n  overfly inspect scan.glb --up z --unit 0.3048\n  \
     overfly inspect hall.ply --epsg 28992 --offset 90759,435665,0"
 )]
 pub struct InspectArgs {
     /// Scene file
     pub file: PathBuf,
+    /// Only for a GeoTIFF surface model: the model of its ground, as for `overfly load`
+    #[arg(long, value_name = "FILE")]
+    pub dtm: Option<PathBuf>,
     /// Folder for inspect.json and inspect.svg; without it the report is only printed
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

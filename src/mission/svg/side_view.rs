@@ -9,6 +9,7 @@ use super::flight::{Instant, split_by_time};
 use super::pen::{self, Anchor};
 use super::sheet::{self, Sheet};
 use super::top_view;
+use crate::scene::TERRAIN_NAME;
 use crate::trajectory::plan::Plan;
 
 /// How far the farthest structure fades into the paper.
@@ -16,15 +17,18 @@ const MOST_PALE: f64 = 0.75;
 
 /// Draws the whole side view.
 pub fn draw(sheet: &Sheet, field: &FieldTable, plan: &Plan, path: &[Instant]) -> Group {
-    pen::group("side-view").add(axes(sheet)).add(buildings(sheet, field)).add(flight(sheet, plan, path))
+    pen::group("side-view").add(axes(sheet, field)).add(buildings(sheet, field)).add(flight(sheet, plan, path))
 }
 
-fn axes(sheet: &Sheet) -> Group {
+fn axes(sheet: &Sheet, field: &FieldTable) -> Group {
     let frame = &sheet.side_view;
+    // The terrain is the only structure without an outline.
+    let has_terrain = field.structures.iter().any(|structure| structure.rings == 0 && field.name(structure) == TERRAIN_NAME);
+    let heights = if has_terrain { "height above the lowest ground, m" } else { "height above ground, m" };
     let mut group = Group::new()
         .add(pen::rectangle([frame.left, frame.top], [frame.width, frame.height], colour::GROUND).set("stroke", colour::HAIRLINE))
         .add(pen::text([frame.left, frame.top - 10.0], 14.0, Anchor::Start, "Side view, looking north").set("font-weight", 600))
-        .add(pen::quiet_text([frame.right(), frame.top - 10.0], 12.0, Anchor::End, "height above ground, m"));
+        .add(pen::quiet_text([frame.right(), frame.top - 10.0], 12.0, Anchor::End, heights));
     for z_m in sheet::round_ticks(sheet.min.z, sheet.max.z, 34.0 / sheet.pixels_per_m) {
         let [_, y] = sheet.seen_from_south(0.0, z_m);
         group = group.add(pen::line([frame.left, y], [frame.right(), y], colour::GRID, 1.0)).add(pen::quiet_text(

@@ -108,6 +108,8 @@ pub enum EditError {
          the ground and at most {height_m} m up (`proxy.max_height_m`)"
     )]
     Obstacle { name: String, problem: &'static str, extent_m: f64, height_m: f64 },
+    #[error("{name:?} is the ground of the scene, which no edit changes: load the scene anew from a corrected height model")]
+    Terrain { name: String },
     #[error("{name:?} is the last structure of scene {scene:?} that is to be captured: a scene needs at least one")]
     LastStructure { scene: String, name: String },
     #[error("a no-fly zone cannot be added without a name: give one")]
@@ -126,6 +128,7 @@ impl Scene {
     /// The scene after `edit`, and the region in which it differs from this one. `limits` holds for edits as for
     /// files: the greatest height and the greatest distance from the origin.
     pub fn edited(&self, edit: &Edit, limits: &ProxySettings) -> Result<(Scene, DirtyRegion), EditError> {
+        self.check_not_terrain(edit)?;
         match edit {
             Edit::Raise { id, by_m } => self.with_top_moved(*id, *by_m, 1.0, limits.max_height_m),
             Edit::Lower { id, by_m } => self.with_top_moved(*id, *by_m, -1.0, limits.max_height_m),
@@ -136,6 +139,19 @@ impl Scene {
             Edit::AddZone { zone } => self.with_zone(zone),
             Edit::RemoveZone { name } => self.without_zone(name),
         }
+    }
+
+    fn check_not_terrain(&self, edit: &Edit) -> Result<(), EditError> {
+        let (Edit::Raise { id, .. }
+        | Edit::Lower { id, .. }
+        | Edit::Remove { id }
+        | Edit::Replace { id, .. }
+        | Edit::Move { id, .. }) = edit
+        else {
+            return Ok(());
+        };
+        let terrain = self.structure(*id).filter(|structure| structure.terrain().is_some());
+        terrain.map_or(Ok(()), |terrain| Err(EditError::Terrain { name: terrain.name.clone() }))
     }
 
     /// The structure that is called `name_or_id`, or whose id it is in 16 hexadecimal digits.

@@ -25,6 +25,7 @@ pub(super) fn checked(name: &str, shape: &Shape, limits: &ProxySettings) -> Resu
             })?;
             Ok(shape.clone())
         }
+        Shape::Terrain(_) => Err(EditError::Terrain { name: name.to_owned() }),
     }
 }
 
@@ -103,6 +104,8 @@ pub(super) fn stretched(shape: &Shape, base_m: f64, height_m: f64, new_height_m:
                 |z: f64| if height_m > 0.0 { base_m + (z - base_m) / height_m * new_height_m } else { base_m + new_height_m };
             triangles.iter_mut().flatten().for_each(|corner| corner.z = height(corner.z));
         }
+        // No edit comes this far with it.
+        Shape::Terrain(_) => {}
     }
     shape
 }
@@ -114,6 +117,7 @@ pub(super) fn shifted(shape: &Shape, shift: Vector3<f64>) -> Shape {
             *footprint = footprint.map_coords(|corner| Coord { x: corner.x + shift.x, y: corner.y + shift.y });
         }
         Shape::Mesh { triangles } => triangles.iter_mut().flatten().for_each(|corner| *corner += shift),
+        Shape::Terrain(_) => {}
     }
     shape
 }

@@ -37,6 +37,8 @@ pub enum Request {
     /// A scene file that the daemon can read; the bytes of an absolute path.
     LoadPath {
         path: Vec<u8>,
+        /// Of a surface model the model of its ground, likewise.
+        ground: Option<Vec<u8>>,
         name: Option<String>,
         order: Box<ReadOrder>,
     },
@@ -63,6 +65,8 @@ pub enum Request {
     UpdatePath {
         scene: String,
         path: Vec<u8>,
+        /// As in `LoadPath`.
+        ground: Option<Vec<u8>>,
         dry_run: bool,
     },
     /// The same with the file as bulk.
@@ -107,8 +111,9 @@ impl Request {
     /// Judges the values of a request that was decoded; the error says what is wrong and what is allowed.
     pub fn check(&self) -> Result<(), Refusal> {
         match self {
-            Request::LoadPath { path, name, order } => {
+            Request::LoadPath { path, ground, name, order } => {
                 check_path(path)?;
+                ground.as_deref().map_or(Ok(()), check_path)?;
                 order.check()?;
                 name.as_deref().map_or(Ok(()), check_scene_name)
             }
@@ -125,8 +130,9 @@ impl Request {
                 check_scene_name(scene)?;
                 check_edits(edits)
             }
-            Request::UpdatePath { scene, path, .. } => {
+            Request::UpdatePath { scene, path, ground, .. } => {
                 check_scene_name(scene)?;
+                ground.as_deref().map_or(Ok(()), check_path)?;
                 check_path(path)
             }
             Request::UpdateBytes { scene, file_name, .. } => {

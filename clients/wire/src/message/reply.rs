@@ -156,6 +156,8 @@ pub enum StructureKind {
     Mesh,
     /// It is kept clear of, but not captured.
     Obstacle,
+    /// The ground where it is not flat: kept clear of, not captured, and not to be edited.
+    Terrain,
 }
 
 /// A no-fly zone of a scene; those of the configuration belong to no scene.

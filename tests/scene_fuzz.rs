@@ -116,3 +116,20 @@ fn gltf() {
 fn osm_pbf() {
     fuzz("a.osm.pbf", &scene_files::extract());
 }
+
+/// A house of 10 by 10 m on level ground.
+#[test]
+fn geotiff() {
+    let is_house = |k: u32| (12..22).contains(&k);
+    fuzz("a.tif", &scene_files::raster(32, |column, row| if is_house(column) && is_house(row) { 14.0 } else { 4.0 }));
+}
+
+#[test]
+fn las() {
+    fuzz("a.las", &scene_files::las::las(&scene_files::las::points([2, 6, 5]), false));
+}
+
+#[test]
+fn laz() {
+    fuzz("a.laz", &scene_files::las::las(&scene_files::las::points([2, 6, 5]), true));
+}

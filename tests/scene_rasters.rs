@@ -2,9 +2,9 @@
 //! real surface models and point clouds become towns that can be flown.
 
 mod program;
+mod scene_files;
 mod support;
 
-use std::io::Cursor;
 use std::sync::{Arc, LazyLock};
 
 use geo::{BoundingRect, Contains, Coord, LineString, MultiPolygon, Point, Polygon};
@@ -323,18 +323,7 @@ fn a_flight_over_a_real_surface_model_keeps_its_altitudes() {
 
 /// A raster of 80 x 80 m with heights by column and row.
 fn raster(height: impl Fn(u32, u32) -> f32) -> Vec<u8> {
-    use tiff::encoder::{TiffEncoder, colortype::Gray32Float};
-    use tiff::tags::Tag;
-    let mut bytes = Vec::new();
-    let mut encoder = TiffEncoder::new(Cursor::new(&mut bytes)).expect("it can be written");
-    let mut image = encoder.new_image::<Gray32Float>(80, 80).expect("it can be written");
-    let tags = image.encoder();
-    tags.write_tag(Tag::ModelPixelScaleTag, &[1.0, 1.0, 0.0][..]).expect("it can be written");
-    tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, 84_800.0, 447_600.0, 0.0][..]).expect("it can be written");
-    tags.write_tag(Tag::GeoKeyDirectoryTag, &[1u16, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 28992][..]).expect("it can be written");
-    let values: Vec<f32> = (0..6400).map(|k| height(k % 80, k / 80)).collect();
-    image.write_data(&values).expect("it can be written");
-    bytes
+    scene_files::raster(80, height)
 }
 
 #[test]

@@ -22,7 +22,8 @@ pub fn run(arguments: &InspectArgs, form: Form) -> Result<Answer, Failure> {
     let mut meter = Meter::new(form);
     meter.keep_moving();
     meter.stage("reading the scene");
-    let (scene, report) = in_process::read_scene_files(&SceneFiles { scene: &arguments.file, ground: arguments.dtm.as_deref() }, &settings)?;
+    let (scene, report) =
+        in_process::read_scene_files(&SceneFiles { scene: &arguments.file, ground: arguments.dtm.as_deref() }, &settings)?;
     drop(meter);
     let mut object = json!({
         "scene": scene.name,
@@ -66,13 +67,19 @@ fn text(scene: &Scene, report: &ImportReport, all: bool, files: &[String]) -> St
     let place = scene.frame.origin.map_or("none: metres in the file's own frame".to_owned(), |origin| {
         format!("{:.6} N, {:.6} E, ground at {:.1} m", origin.lat_deg, origin.lon_deg, origin.alt_m)
     });
-    let meshes = scene.structures.iter().filter(|structure| matches!(structure.shape, Shape::Mesh { .. })).count();
+    let count = |name: &str| scene.structures.iter().filter(|structure| shape_name(&structure.shape) == name).count();
+    let shapes: Vec<String> = ["prism", "mesh", "obstacle", "terrain"]
+        .into_iter()
+        .map(|name| (name, count(name)))
+        .filter(|(_, count)| *count > 0)
+        .map(|(name, count)| format!("{count} {name}"))
+        .collect();
     let triangles: usize = scene.structures.iter().map(|structure| structure.triangles().len()).sum();
     let rows = [
         row("scene", scene.name.clone()),
         row("format", report.format.name().to_owned()),
         row("origin on Earth", place),
-        row("structures", format!("{} ({meshes} meshes, {} prisms)", scene.structures.len(), scene.structures.len() - meshes)),
+        row("structures", format!("{} ({})", scene.structures.len(), shapes.join(", "))),
         row("triangles", triangles.to_string()),
     ];
     let mut lines = vec![answer::table(&rows)];

@@ -17,8 +17,7 @@ use crate::frame::LocalFrame;
 use crate::settings::ProxySettings;
 
 /// What is read, as errors tell it.
-pub const KNOWN_FORMATS: &str =
-    "GeoJSON footprints with heights, OpenStreetMap PBF, CityJSON, CityJSON sequences, meshes as OBJ, PLY, STL and glTF (.glb), GeoTIFF surface models, LAS and LAZ point clouds";
+pub const KNOWN_FORMATS: &str = "GeoJSON footprints with heights, OpenStreetMap PBF, CityJSON, CityJSON sequences, meshes as OBJ, PLY, STL and glTF (.glb), GeoTIFF surface models, LAS and LAZ point clouds";
 
 /// Why a file is no scene. Nothing has been loaded.
 #[derive(Debug, thiserror::Error)]
@@ -261,7 +260,11 @@ pub const ENDINGS: [&str; 17] = [
     ".obj",
     ".pbf",
     ".ply",
-    ".stl", ".tif", ".tiff", ".las", ".laz",
+    ".stl",
+    ".tif",
+    ".tiff",
+    ".las",
+    ".laz",
 ];
 
 /// File names that tell nothing about the scene.
@@ -330,11 +333,8 @@ fn json_kind(file_name: &str, bytes: &[u8]) -> Result<JsonKind, ImportError> {
 }
 
 fn foreign_format(bytes: &[u8]) -> Option<&'static str> {
-    const MAGIC: [(&[u8], &str); 3] = [
-        (b"PK\x03\x04", "a zip archive"),
-        (b"\x1f\x8b", "gzip-compressed"),
-        (b"<", "XML (CityGML, KML or Collada)"),
-    ];
+    const MAGIC: [(&[u8], &str); 3] =
+        [(b"PK\x03\x04", "a zip archive"), (b"\x1f\x8b", "gzip-compressed"), (b"<", "XML (CityGML, KML or Collada)")];
     MAGIC.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, name)| *name)
 }
 

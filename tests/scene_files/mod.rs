@@ -1,7 +1,13 @@
 //! Small scene files of the formats that are not text to be typed: a tetrahedron 20 m high, or a building of 20 m by 20 m.
 #![allow(dead_code, reason = "each test uses what it needs")]
 
+pub mod las;
+
+use std::io::Cursor;
+
 use serde_json::json;
+use tiff::encoder::{TiffEncoder, colortype::Gray32Float};
+use tiff::tags::Tag;
 
 const CORNERS: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [20.0, 0.0, 0.0], [0.0, 20.0, 0.0], [0.0, 0.0, 20.0]];
 const FACES: [[u8; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
@@ -70,6 +76,20 @@ pub fn sequence() -> Vec<u8> {
         "transform": { "scale": [0.01, 0.01, 0.01], "translate": [90000, 435000, 0] },
         "metadata": { "referenceSystem": "https://www.opengis.net/def/crs/EPSG/0/28992" } });
     [head, feature("a", 0), feature("b", 5000)].iter().map(|line| format!("{line}\n")).collect::<String>().into_bytes()
+}
+
+/// A raster of `side` cells of 1 m each way, with heights by column and row, in EPSG:28992.
+pub fn raster(side: u32, height: impl Fn(u32, u32) -> f32) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = TiffEncoder::new(Cursor::new(&mut bytes)).expect("it can be written");
+    let mut image = encoder.new_image::<Gray32Float>(side, side).expect("it can be written");
+    let tags = image.encoder();
+    tags.write_tag(Tag::ModelPixelScaleTag, &[1.0, 1.0, 0.0][..]).expect("it can be written");
+    tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, 84_800.0, 447_600.0, 0.0][..]).expect("it can be written");
+    tags.write_tag(Tag::GeoKeyDirectoryTag, &[1u16, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 28992][..]).expect("it can be written");
+    let values: Vec<f32> = (0..side * side).map(|k| height(k % side, k / side)).collect();
+    image.write_data(&values).expect("it can be written");
+    bytes
 }
 
 /// An OpenStreetMap extract with two buildings: a way of 20 m height, and a multipolygon of two ways around a court.

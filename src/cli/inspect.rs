@@ -91,6 +91,7 @@ fn text(scene: &Scene, report: &ImportReport, all: bool, files: &[String]) -> St
         lines.extend(of_kind[..shown].iter().map(|item| format!("  {item}")));
         match count - shown {
             0 => {}
+            _ if of_kind.is_empty() => {}
             more if all || of_kind.len() == shown => lines.push(format!("  and {more} more, too many to be kept")),
             more => lines.push(format!("  and {more} more (--all prints them)")),
         }

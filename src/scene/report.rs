@@ -128,6 +128,8 @@ pub enum ItemKind {
     HeightMissing,
     /// An outline around parts of a building.
     OutlineReplaced,
+    /// Something so small that it is left out.
+    TooSmall,
     /// Height and number of storeys do not fit each other.
     HeightDisagreement,
     /// A lower end above the upper end, or below the ground.
@@ -165,7 +167,7 @@ impl ItemKind {
     pub fn meaning(self) -> Meaning {
         match self {
             Self::HeightGuessed | Self::HeightDisagreement => Meaning::Guessed,
-            Self::NoGeometry | Self::Outlier | Self::PartsDropped | Self::HeightMissing => Meaning::Dropped,
+            Self::NoGeometry | Self::Outlier | Self::PartsDropped | Self::HeightMissing | Self::TooSmall => Meaning::Dropped,
             _ => Meaning::Repaired,
         }
     }
@@ -203,6 +205,13 @@ impl ImportReport {
         *count += 1;
         if *count <= MOST_ITEMS {
             self.items.push(ReportItem { structure: structure.to_owned(), place, kind, done: done.into() });
+        }
+    }
+
+    /// Counts what is too many and too little to be told one by one.
+    pub(crate) fn count_up(&mut self, kind: ItemKind, count: usize) {
+        if count > 0 {
+            *self.counts.entry(kind).or_default() += count;
         }
     }
 
@@ -266,6 +275,7 @@ impl fmt::Display for ItemKind {
             Self::HeightText => "with a height in words",
             Self::HeightGuessed => "with a guessed height",
             Self::HeightMissing => "without a height",
+            Self::TooSmall => "too small",
             Self::OutlineReplaced => "with parts in place of their outline",
             Self::HeightDisagreement => "whose height and storeys disagree",
             Self::BaseIgnored => "with a wrong lower end",

@@ -10,7 +10,7 @@ use super::regions::{self, LEAST_ROOF_M2, Regions, Surface};
 use crate::scene::bounds::Bounds;
 use crate::scene::footprint;
 use crate::scene::proxy::{Shape, Structure, StructureId};
-use crate::scene::report::ImportReport;
+use crate::scene::report::{ImportReport, ItemKind};
 use crate::scene::terrain::Terrain;
 
 /// What stands less than this above the ground is no roof, m: cars, hedges, garden walls.
@@ -169,6 +169,7 @@ fn note_fates(standing: &Standing, found: &Regions, fates: &[Fate], report: &mut
     ));
     let dropped = count(Fate::Dropped);
     if dropped > 0 {
+        report.count_up(ItemKind::TooSmall, dropped);
         report.notes.push(format!(
             "{dropped} regions are dropped, below {LEAST_OBSTACLE_M2} m^2 or beyond the largest {MOST_OBSTACLES}: nothing keeps flights clear of them"
         ));

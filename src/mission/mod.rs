@@ -1,5 +1,9 @@
 //! One writer per output format: a plan in, bytes out.
 
+pub mod course;
+#[cfg(test)]
+mod fixture;
+pub mod mav_items;
 pub mod plan_json;
 pub mod plan_read;
 pub mod plan_table;

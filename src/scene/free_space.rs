@@ -112,6 +112,11 @@ impl FreeSpace {
         }
     }
 
+    /// The no-fly zones of the scene and of the settings.
+    pub fn zones(&self) -> &[NoFlyZone] {
+        &self.zones
+    }
+
     /// The boxes of the scene's structures, in their order, m.
     pub fn structure_bounds(&self) -> Vec<Bounds> {
         self.solids.iter().map(|solid| solid.bounds).collect()

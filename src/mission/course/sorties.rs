@@ -1,0 +1,116 @@
+//! Which part of a flight each battery flies.
+
+use nalgebra::Point3;
+
+use super::{CourseError, CourseOptions, Legs, transit};
+use crate::scene::free_space::FreeSpace;
+use crate::trajectory::limits::Limits;
+
+/// Vertical speeds that the ways out and home are timed with: those that ArduPilot has by default, slower than PX4's and DJI's.
+const CLIMB_MPS: f64 = 2.5;
+const SINK_MPS: f64 = 1.5;
+/// A flight in more sorties is a mistake.
+pub const MOST_SORTIES: usize = 100;
+
+/// How each waypoint is reached from the take-off place, and left for it.
+pub struct Reach {
+    out_s: Vec<f64>,
+    home_s: Vec<f64>,
+    /// What is in the way between the waypoint and the take-off place.
+    obstructions: Vec<Option<crate::scene::free_space::Obstruction>>,
+    /// Time that coming to rest, or starting from it, takes longer than passing, at most, s.
+    stop_s: f64,
+}
+
+impl Reach {
+    pub fn new(legs: &Legs, limits: &Limits, home_m: Point3<f64>, transit_z_m: f64, free: Option<&FreeSpace>) -> Self {
+        let dynamics = &limits.dynamics;
+        let stop_s = (limits.cruise_mps / dynamics.acceleration_mps2 + dynamics.acceleration_mps2 / dynamics.jerk_mps3) / 2.0;
+        let above_home = Point3::new(home_m.x, home_m.y, transit_z_m);
+        let way_s = |p: &Point3<f64>, home_mps: f64, own_mps: f64| {
+            let level_s = libm::hypot(p.x - home_m.x, p.y - home_m.y) / limits.cruise_mps;
+            (transit_z_m - home_m.z) / home_mps + level_s + 2.0 * stop_s + (transit_z_m - p.z) / own_mps
+        };
+        let points = legs.points();
+        let obstruction = |p: &Point3<f64>| {
+            let above = Point3::new(p.x, p.y, transit_z_m);
+            free.and_then(|free| {
+                transit::obstruction(free, p, &above).or_else(|| transit::obstruction(free, &above, &above_home))
+            })
+        };
+        Self {
+            out_s: points.iter().map(|p| way_s(p, CLIMB_MPS, SINK_MPS)).collect(),
+            home_s: points.iter().map(|p| way_s(p, SINK_MPS, CLIMB_MPS)).collect(),
+            obstructions: points.iter().map(obstruction).collect(),
+            stop_s,
+        }
+    }
+
+    /// A sortie from take-off to landing, s.
+    pub fn duration_s(&self, legs: &Legs, from: usize, to: usize) -> f64 {
+        self.out_s[from] + legs.arrivals_s[to] - legs.arrivals_s[from] + 2.0 * self.stop_s + self.home_s[to]
+    }
+
+    fn check(&self, legs: &Legs, k: usize) -> Result<(), CourseError> {
+        let Some(obstruction) = self.obstructions[k].clone() else { return Ok(()) };
+        let what = format!("the way between the take-off place and waypoint {}", legs.kept[k]);
+        Err(CourseError::Obstructed { what, obstruction, remedy: "take off elsewhere, with `--home LAT,LON`" })
+    }
+}
+
+/// How long a sortie may last.
+pub struct Times {
+    most_s: Option<f64>,
+    /// What the flight draws from a battery each second.
+    pub percent_a_second: Option<f64>,
+}
+
+impl Times {
+    /// Without a battery and without a time all is one sortie.
+    pub fn new(legs: &Legs, battery_percent: Option<f64>, options: &CourseOptions, notes: &mut Vec<String>) -> Self {
+        let duration_s = legs.arrivals_s.last().copied().unwrap_or(0.0);
+        let percent_a_second = battery_percent.filter(|_| duration_s > 0.0).map(|percent| percent / duration_s);
+        let by_battery_s = percent_a_second.map(|percent| (100.0 - options.reserve_percent).max(0.0) / percent);
+        let most_s = options.sortie_s.or(by_battery_s);
+        if most_s.is_none() {
+            let remedy = "give the time of one with `--sortie-time`";
+            notes.push(format!("the plan's rig has no battery, so that the flight is not divided into sorties; {remedy}"));
+        }
+        Self { most_s, percent_a_second }
+    }
+}
+
+/// The first and the last waypoint of each sortie. Each goes as far as it can and ends where the way home is free.
+pub fn split(legs: &Legs, reach: &Reach, times: &Times) -> Result<Vec<(usize, usize)>, CourseError> {
+    let last = legs.path.len() - 1;
+    reach.check(legs, 0)?;
+    reach.check(legs, last)?;
+    let Some(most_s) = times.most_s else { return Ok(vec![(0, last)]) };
+    let mut parts = Vec::new();
+    let mut from = 0;
+    while from < last {
+        if parts.len() == MOST_SORTIES {
+            return Err(CourseError::TooManySorties { most: MOST_SORTIES });
+        }
+        let mut farthest = None;
+        let mut shortest_s = f64::INFINITY;
+        for to in from + 1..=last {
+            if legs.arrivals_s[to] - legs.arrivals_s[from] > most_s && shortest_s.is_finite() {
+                break;
+            }
+            if reach.obstructions[to].is_some() {
+                continue;
+            }
+            let duration_s = reach.duration_s(legs, from, to);
+            shortest_s = shortest_s.min(duration_s);
+            if duration_s <= most_s {
+                farthest = Some(to);
+            }
+        }
+        let needs = CourseError::SortieTooShort { from: legs.kept[from], needs_s: shortest_s, has_s: most_s };
+        let to = farthest.ok_or(needs)?;
+        parts.push((from, to));
+        from = to;
+    }
+    Ok(parts)
+}

@@ -1,6 +1,7 @@
 //! What can be said on the command line.
 
 mod edit;
+mod fly;
 mod measuring;
 
 use std::path::PathBuf;
@@ -8,6 +9,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::edit::{Change, EditArgs, ShapeArgs, UpdateArgs};
+pub use self::fly::FlyArgs;
 pub use self::measuring::{BenchArgs, BoundArgs, ReproduceArgs, Subject};
 use super::en_route::EnRouteArgs;
 use super::values::{self, Degrees2, Meters2, Meters3, Outline};
@@ -22,9 +24,10 @@ Exit codes:
   4  no daemon answers, the contact to it was lost, or it cannot start
   5  the daemon refused: unknown scene or structure, an edit that makes no sense
   6  no plan: nothing to fly in, a start that cannot be flown, an unknown rig or method
+  7  no autopilot answers, the link to it was lost, or it refused the mission
   130  interrupted: by a second Ctrl-C, or by the first before there was any plan
 
-With --json each command prints one JSON object on standard output (`watch` one per line), and an error is
+With --json each command prints one JSON object on standard output (`watch` and `fly` one per line), and an error is
 {\"error\": {\"kind\": ..., \"message\": ...}} there. Progress, notes and logs go to standard error.
 
 Lengths are metres, times seconds, angles degrees; positions are east, north, up in the scene's local frame.";
@@ -68,6 +71,8 @@ pub enum Command {
     Update(UpdateArgs),
     /// Receive each new plan of a scene as it is published
     Watch(WatchArgs),
+    /// Upload a plan to an autopilot by MAVLink, follow its flight and replace the mission when there is a newer plan
+    Fly(Box<FlyArgs>),
     /// End the running search of a loaded scene with its best plan so far
     #[command(
         after_help = "A search that has not begun yet is refused. Without a search nothing happens.\n\nExample:\n  overfly cancel town"

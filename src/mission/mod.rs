@@ -2,7 +2,7 @@
 
 pub mod course;
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 pub mod mav_items;
 pub mod plan_json;
 pub mod plan_read;

@@ -1,5 +1,6 @@
 //! The way to an autopilot: a UDP socket, a TCP connection or a serial line, opened again when it breaks. No call waits longer than it is told to.
 
+use std::collections::VecDeque;
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -104,25 +105,35 @@ impl fmt::Display for Place {
 /// A link that may be broken at the moment.
 pub struct Link {
     place: Place,
-    reader: Option<MavlinkReader<Source>>,
+    wire: Option<Wire>,
+    /// Messages of a datagram that wait.
+    heard: VecDeque<(Address, MavMessage)>,
     sequence: u8,
     /// When it was last tried to open it.
     tried: Instant,
 }
 
-/// What bytes come from and go to.
+enum Wire {
+    Datagrams(Datagrams),
+    Stream(MavlinkReader<Source>),
+}
+
+struct Datagrams {
+    socket: UdpSocket,
+    peer: Option<SocketAddr>,
+    listens: bool,
+    heard: Instant,
+    buffer: Vec<u8>,
+}
+
+/// A stream of bytes, of which one call may read so many, and wait until then.
 struct Source {
-    wire: Wire,
-    /// The rest of a datagram.
-    pending: Vec<u8>,
-    taken: usize,
-    /// What may yet be read in this call, and until when it may wait.
+    line: Line,
     budget: usize,
     until: Instant,
 }
 
-enum Wire {
-    Udp { socket: UdpSocket, peer: Option<SocketAddr>, listens: bool, heard: Instant },
+enum Line {
     Tcp(TcpStream),
     Serial(File),
 }
@@ -130,32 +141,26 @@ enum Wire {
 impl Link {
     /// Opens the link; a place that is wrong or taken is found here.
     pub fn open(place: Place) -> Result<Self, LinkError> {
-        let source = Source::open(&place).map_err(|cause| LinkError::Open { place: place.clone(), cause })?;
-        Ok(Self { place, reader: Some(MavlinkReader::new(source)), sequence: 0, tried: Instant::now() })
+        let wire = Wire::open(&place).map_err(|cause| LinkError::Open { place: place.clone(), cause })?;
+        Ok(Self { place, wire: Some(wire), heard: VecDeque::new(), sequence: 0, tried: Instant::now() })
     }
 
     /// The next message, of anybody, or `None` when none comes within `wait`. A link that is found broken is an error once; later calls open it again.
     pub fn receive(&mut self, wait: Duration) -> Result<Option<(Address, MavMessage)>, LinkError> {
-        let until = Instant::now() + wait;
-        let Some(reader) = self.opened(until) else { return Ok(None) };
-        let source = reader.get_mut();
-        (source.budget, source.until) = (MOST_BYTES, until);
-        loop {
-            match reader.read_any_message::<MavMessage>() {
-                Ok((header, message)) => {
-                    if let Ok(system) = u8::try_from(header.system_id) {
-                        return Ok(Some((Address { system, component: header.component_id }, message)));
-                    }
-                }
-                // A message of another dialect, or with a value that this one does not know.
-                Err(MessageReadError::Parse(_)) => {}
-                Err(MessageReadError::Io(cause)) if is_quiet(&cause) => return Ok(None),
-                Err(MessageReadError::Io(cause)) => return Err(self.broken(cause)),
-            }
-            if reader.get_mut().budget == 0 {
-                return Ok(None);
+        if self.heard.is_empty() {
+            let until = Instant::now() + wait;
+            let received = match self.opened(until) {
+                Some(Wire::Datagrams(datagrams)) => datagrams.receive(until),
+                Some(Wire::Stream(reader)) => receive_from(reader, until).map(|message| message.into_iter().collect()),
+                None => return Ok(None),
+            };
+            match received {
+                Ok(messages) => self.heard = messages,
+                Err(cause) if is_quiet(&cause) => {}
+                Err(cause) => return Err(self.broken(cause)),
             }
         }
+        Ok(self.heard.pop_front())
     }
 
     /// Sends a message; on a link that is broken it is lost, as on any other.
@@ -165,29 +170,59 @@ impl Link {
         let mut bytes = Vec::with_capacity(64);
         // Writing to memory cannot fail.
         let _ = write_v2_msg(&mut bytes, header, message);
-        let Some(reader) = &mut self.reader else { return Ok(()) };
-        match reader.get_mut().send(&bytes) {
+        let sent = match &mut self.wire {
+            Some(Wire::Datagrams(datagrams)) => datagrams.send(&bytes),
+            Some(Wire::Stream(reader)) => reader.get_mut().send(&bytes),
+            None => Ok(()),
+        };
+        match sent {
             Err(cause) if !is_quiet(&cause) => Err(self.broken(cause)),
             _ => Ok(()),
         }
     }
 
-    fn opened(&mut self, until: Instant) -> Option<&mut MavlinkReader<Source>> {
-        if self.reader.is_none() {
+    fn opened(&mut self, until: Instant) -> Option<&mut Wire> {
+        if self.wire.is_none() {
             if self.tried.elapsed() < REOPEN {
                 std::thread::sleep(until.saturating_duration_since(Instant::now()));
                 return None;
             }
             self.tried = Instant::now();
-            self.reader = Source::open(&self.place).ok().map(MavlinkReader::new);
+            self.wire = Wire::open(&self.place).ok();
         }
-        self.reader.as_mut()
+        self.wire.as_mut()
     }
 
     fn broken(&mut self, cause: io::Error) -> LinkError {
-        self.reader = None;
+        self.wire = None;
         LinkError::Broken { place: self.place.clone(), cause }
     }
+}
+
+/// The next message of a stream.
+fn receive_from(reader: &mut MavlinkReader<Source>, until: Instant) -> io::Result<Option<(Address, MavMessage)>> {
+    (reader.get_mut().budget, reader.get_mut().until) = (MOST_BYTES, until);
+    loop {
+        match reader.read_any_message::<MavMessage>() {
+            Ok((header, message)) => {
+                if let Some(from) = address(&header) {
+                    return Ok(Some((from, message)));
+                }
+            }
+            // A message of another dialect, or with a value that this one does not know.
+            Err(MessageReadError::Parse(_)) => {}
+            Err(MessageReadError::Io(cause)) => return Err(cause),
+        }
+        if reader.get_mut().budget == 0 {
+            return Ok(None);
+        }
+    }
+}
+
+/// Who sent a message; systems above 255 cannot be answered.
+fn address(header: &MavHeader) -> Option<Address> {
+    let system = u8::try_from(header.system_id).ok()?;
+    Some(Address { system, component: header.component_id })
 }
 
 /// Nothing there yet; or word that nobody listens at a UDP address, where somebody may later.
@@ -196,35 +231,66 @@ fn is_quiet(cause: &io::Error) -> bool {
     matches!(cause.kind(), WouldBlock | TimedOut | Interrupted | ConnectionRefused | NetworkUnreachable | HostUnreachable)
 }
 
-impl Source {
+impl Wire {
     fn open(place: &Place) -> io::Result<Self> {
         let resolve = |at: &str| at.to_socket_addrs()?.next().ok_or_else(|| io::Error::other("the name of the host is not known"));
-        let wire = match place {
+        let line = match place {
             Place::Udp(at) => {
                 let peer = resolve(at)?;
                 let any: SocketAddr = if peer.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0u16; 8], 0).into() };
-                let socket = UdpSocket::bind(any)?;
-                Wire::Udp { socket, peer: Some(peer), listens: false, heard: Instant::now() }
+                return Ok(Self::Datagrams(Datagrams::new(UdpSocket::bind(any)?, Some(peer))));
             }
-            Place::UdpIn(at) => {
-                Wire::Udp { socket: UdpSocket::bind(resolve(at)?)?, peer: None, listens: true, heard: Instant::now() }
-            }
+            Place::UdpIn(at) => return Ok(Self::Datagrams(Datagrams::new(UdpSocket::bind(resolve(at)?)?, None))),
             Place::Tcp(at) => {
                 let stream = TcpStream::connect_timeout(&resolve(at)?, CONNECT)?;
                 stream.set_nodelay(true)?;
                 stream.set_write_timeout(Some(CONNECT))?;
-                Wire::Tcp(stream)
+                Line::Tcp(stream)
             }
-            Place::Serial { device, baud } => Wire::Serial(serial(device, *baud)?),
+            Place::Serial { device, baud } => Line::Serial(serial(device, *baud)?),
         };
-        Ok(Self { wire, pending: Vec::new(), taken: 0, budget: MOST_BYTES, until: Instant::now() })
+        Ok(Self::Stream(MavlinkReader::new(Source { line, budget: MOST_BYTES, until: Instant::now() })))
+    }
+}
+
+impl Datagrams {
+    /// Speaks to a peer, or listens for one.
+    fn new(socket: UdpSocket, peer: Option<SocketAddr>) -> Self {
+        Self { socket, peer, listens: peer.is_none(), heard: Instant::now(), buffer: vec![0; DATAGRAM_BYTES] }
     }
 
+    fn send(&self, bytes: &[u8]) -> io::Result<()> {
+        self.peer.map_or(Ok(()), |peer| self.socket.send_to(bytes, peer).map(drop))
+    }
+
+    /// The messages of one datagram; what is no message in it does not touch the next one.
+    fn receive(&mut self, until: Instant) -> io::Result<VecDeque<(Address, MavMessage)>> {
+        let mut messages = VecDeque::new();
+        self.socket.set_read_timeout(Some(least(until)))?;
+        let (count, from) = self.socket.recv_from(&mut self.buffer)?;
+        match self.peer {
+            Some(peer) if peer == from => {}
+            // Somebody else may only take over from one that is silent.
+            Some(_) if !self.listens || self.heard.elapsed() < PEER_SILENCE => return Ok(messages),
+            _ => self.peer = Some(from),
+        }
+        self.heard = Instant::now();
+        let mut reader = MavlinkReader::new(&self.buffer[..count]);
+        loop {
+            match reader.read_any_message::<MavMessage>() {
+                Ok((header, message)) => messages.extend(address(&header).map(|from| (from, message))),
+                Err(MessageReadError::Parse(_)) => {}
+                Err(MessageReadError::Io(_)) => return Ok(messages),
+            }
+        }
+    }
+}
+
+impl Source {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        match &mut self.wire {
-            Wire::Udp { socket, peer, .. } => peer.map_or(Ok(()), |peer| socket.send_to(bytes, peer).map(drop)),
-            Wire::Tcp(stream) => stream.write_all(bytes),
-            Wire::Serial(file) => {
+        match &mut self.line {
+            Line::Tcp(stream) => stream.write_all(bytes),
+            Line::Serial(file) => {
                 let mut left = bytes;
                 let end = Instant::now() + CONNECT;
                 while !left.is_empty() {
@@ -239,71 +305,32 @@ impl Source {
             }
         }
     }
+}
 
+impl Read for Source {
     /// Reads what is there, or waits for it.
-    fn fetch(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let left = self.until.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
-        match &mut self.wire {
-            Wire::Udp { socket, peer, listens, heard } => {
-                self.pending.resize(DATAGRAM_BYTES, 0);
-                self.taken = 0;
-                socket.set_read_timeout(Some(left))?;
-                let received = socket.recv_from(&mut self.pending);
-                let Ok((count, from)) = received else {
-                    self.pending.clear();
-                    return received.map(|_| 0);
-                };
-                let is_known = match peer {
-                    Some(peer) if *peer == from => true,
-                    // Somebody else may only take over from one that is silent.
-                    Some(_) if !*listens || heard.elapsed() < PEER_SILENCE => false,
-                    _ => {
-                        *peer = Some(from);
-                        true
-                    }
-                };
-                if is_known {
-                    *heard = Instant::now();
-                }
-                self.pending.truncate(if is_known { count } else { 0 });
-                self.budget = self.budget.saturating_sub(count.max(1));
-                // Nothing to read is not the end of anything.
-                if self.pending.is_empty() { Err(io::ErrorKind::WouldBlock.into()) } else { self.rest(buffer) }
-            }
-            Wire::Tcp(stream) => {
-                stream.set_read_timeout(Some(left))?;
-                stream.read(buffer)
-            }
-            Wire::Serial(file) => {
-                wait_for(&*file, PollFlags::IN, self.until)?;
-                file.read(buffer)
-            }
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.budget == 0 {
+            return Err(io::ErrorKind::WouldBlock.into());
         }
-    }
-
-    fn rest(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let count = (self.pending.len() - self.taken).min(buffer.len());
-        buffer[..count].copy_from_slice(&self.pending[self.taken..self.taken + count]);
-        self.taken += count;
+        let count = match &mut self.line {
+            Line::Tcp(stream) => {
+                stream.set_read_timeout(Some(least(self.until)))?;
+                stream.read(buffer)?
+            }
+            Line::Serial(file) => {
+                wait_for(&*file, PollFlags::IN, self.until)?;
+                file.read(buffer)?
+            }
+        };
+        self.budget = self.budget.saturating_sub(count);
         Ok(count)
     }
 }
 
-impl Read for Source {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        if self.taken < self.pending.len() {
-            return self.rest(buffer);
-        }
-        if self.budget == 0 {
-            return Err(io::ErrorKind::WouldBlock.into());
-        }
-        if matches!(self.wire, Wire::Udp { .. }) {
-            return self.fetch(buffer);
-        }
-        let count = self.fetch(buffer)?;
-        self.budget = self.budget.saturating_sub(count);
-        Ok(count)
-    }
+/// What is left until then: more than nothing, which a socket would take for ever.
+fn least(until: Instant) -> Duration {
+    until.saturating_duration_since(Instant::now()).max(Duration::from_millis(1))
 }
 
 /// A line without any processing of its own.

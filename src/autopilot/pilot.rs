@@ -192,8 +192,10 @@ impl Pilot {
             }
             // While the mission changes it is not known which one an item belongs to.
             MavMessage::MISSION_CURRENT(current) if !matches!(self.work, Work::Setting { .. }) => {
-                if let Some(progress) = &mut self.progress {
-                    progress.current(usize::from(current.seq));
+                let (item, is_changing) = (usize::from(current.seq), matches!(self.work, Work::Uploading { .. }));
+                // An item behind the last one may be one of the mission that has just gone up.
+                if let Some(progress) = self.progress.as_mut().filter(|progress| !is_changing || item <= progress.mission.last_item()) {
+                    progress.current(item);
                 }
             }
             MavMessage::MISSION_ITEM_REACHED(reached) if !matches!(self.work, Work::Setting { .. }) => {
@@ -406,3 +408,6 @@ fn heartbeat() -> MavMessage {
         mavlink_version: 3,
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -210,12 +210,12 @@ impl Upload {
 
     /// What is to be sent because time has passed.
     pub fn tick(&mut self, now: Duration) -> Vec<MavMessage> {
-        if self.outcome().is_some() || now < self.deadline {
-            return Vec::new();
-        }
-        if now >= self.end {
+        if self.outcome().is_none() && now >= self.end {
             let seconds = (LONGEST + LONGEST_ITEM * self.items.len() as u32).as_secs_f64();
             return self.fail(UploadError::TooLong { seconds });
+        }
+        if self.outcome().is_some() || now < self.deadline {
+            return Vec::new();
         }
         self.retries += 1;
         let is_given_up = self.retries > RETRIES;

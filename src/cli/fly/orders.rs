@@ -100,16 +100,10 @@ impl Drop for Watcher {
         self.stop.store(true, Ordering::Relaxed);
         let end = Instant::now() + LAST;
         while let Some(left) = end.checked_duration_since(Instant::now()) {
-            if self.words.recv_timeout(left) == Err(RecvTimeoutError::Disconnected) {
+            if matches!(self.words.recv_timeout(left), Err(RecvTimeoutError::Disconnected)) {
                 break;
             }
         }
-    }
-}
-
-impl PartialEq for Word {
-    fn eq(&self, _: &Self) -> bool {
-        false
     }
 }
 

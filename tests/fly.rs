@@ -138,9 +138,8 @@ fn a_flight_is_followed_and_goes_over_to_the_plan_after_an_edit_without_a_pause(
     let output = Command::new(env!("CARGO_BIN_EXE_overfly")).args(words).output().unwrap();
     let shown: Value = serde_json::from_slice(&output.stdout).unwrap();
     let shown = shown["items"].as_array().unwrap().iter();
-    let shown: Vec<Value> = shown
-        .map(|row| serde_json::json!([row["command"], row["frame"], row["params"], row["x"], row["y"], row["z"]]))
-        .collect();
+    let shown: Vec<Value> =
+        shown.map(|row| serde_json::json!([row["command"], row["frame"], row["params"], row["x"], row["y"], row["z"]])).collect();
     assert_eq!(aircraft.with(|control| rows(&control.model.mission)), shown, "the aircraft has what was to be sent");
     assert_eq!(first["items"], shown.len());
 
@@ -150,6 +149,7 @@ fn a_flight_is_followed_and_goes_over_to_the_plan_after_an_edit_without_a_pause(
     // Time for a report.
     std::thread::sleep(Duration::from_millis(700));
     let edited = client.edit("block", &EditOrder::Raise { structure: highest(&client), by_m: 15.0 }).unwrap();
+    let edit_s = Instant::now();
     let safe = watch.next(PATIENCE).unwrap().expect("a plan after the edit");
     let (new, _) = plan_table::from_table(&safe.table()).unwrap();
     let was: Vec<f64> = serde_json::from_value(progress["position_m"].clone()).unwrap();
@@ -157,7 +157,10 @@ fn a_flight_is_followed_and_goes_over_to_the_plan_after_an_edit_without_a_pause(
     assert!(off_m < 80.0, "the new path begins {off_m} m from where the aircraft was a second before");
     let joined = fly.event("joined");
     assert!(joined["epoch"].as_u64() > first["epoch"].as_u64(), "{joined}");
-    assert!(joined["off_path_m"].as_f64().unwrap() < 10.0, "{joined}");
+    // No farther than it flies in the time that planning and upload have taken more or less than was reckoned with.
+    let most_m = 12.0 * (edit_s.elapsed().as_secs_f64() + 2.0);
+    assert!(joined["off_path_m"].as_f64().unwrap() < most_m, "{joined}, {most_m}");
+    println!("joined {} m off the path, {:.1} s after the edit", joined["off_path_m"], edit_s.elapsed().as_secs_f64());
     client.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
 
     let flown = fly.event("flown");

@@ -32,7 +32,10 @@ fn mission(count: usize, mark: f32) -> Vec<MISSION_ITEM_INT_DATA> {
 
 /// What of an item was meant to arrive; parameters that are no number are equal to themselves.
 fn content(items: &[MISSION_ITEM_INT_DATA]) -> Vec<String> {
-    items.iter().map(|item| format!("{:?}", (item.param1, item.param4, item.x, item.y, item.z, item.command, item.frame))).collect()
+    items
+        .iter()
+        .map(|item| format!("{:?}", (item.param1, item.param4, item.x, item.y, item.z, item.command, item.frame)))
+        .collect()
 }
 
 /// A link with its faults.
@@ -188,7 +191,10 @@ fn two_hundred_items_over_a_link_that_loses_one_message_in_twenty() {
         lost += net.lost;
         longest = longest.max(now);
     }
-    println!("100 uploads of 200 items: {lost} messages lost, none of the items; the longest took {:.1} s", longest.as_secs_f64());
+    println!(
+        "100 uploads of 200 items: {lost} messages lost, none of the items; the longest took {:.1} s",
+        longest.as_secs_f64()
+    );
 }
 
 /// Passes until the upload has something to say of itself.
@@ -278,7 +284,10 @@ fn every_refusal_names_the_item_and_a_remedy() {
         net.run(&mut upload, &mut model, first, &mut Duration::ZERO.clone(), EVER);
         let error = upload.outcome().unwrap().clone().unwrap_err();
         let text = error.to_string();
-        assert!(text.contains("at item 2 (MAV_CMD_NAV_WAYPOINT)") && (text.contains(';') || text.contains("try again")), "{text}");
+        assert!(
+            text.contains("at item 2 (MAV_CMD_NAV_WAYPOINT)") && (text.contains(';') || text.contains("try again")),
+            "{text}"
+        );
         assert!(model.mission.is_empty());
     }
     let mut model = Model::new(Manner { capacity: 4, ..Manner::default() });

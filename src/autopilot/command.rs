@@ -61,7 +61,9 @@ pub enum OrderError {
     Refused { order: Order, result: MavResult },
     #[error("the autopilot does not answer the order to {}, given {tries} times; {}", .order.name(), .order.remedy())]
     Silent { order: Order, tries: u32 },
-    #[error("the autopilot does not go on with item {seq}, asked for {tries} times; it may fly another part of the mission: set item {seq} by hand")]
+    #[error(
+        "the autopilot does not go on with item {seq}, asked for {tries} times; it may fly another part of the mission: set item {seq} by hand"
+    )]
     NotCurrent { seq: u16, tries: u32 },
 }
 

@@ -15,12 +15,15 @@ use super::mission::Mission;
 use crate::camera::pitch_rad;
 use crate::frame::Geodetic;
 use crate::trajectory::limits::Turning;
+use crate::trajectory::profile::Profile;
 
 /// A position is old after this: an aircraft at cruise is elsewhere by then.
 const FRESH: Duration = Duration::from_secs(2);
 /// An image was taken for an exposure of the plan at most so far from it: this share of the way to the next one, and at least so many metres.
 const NEAR_SHARE: f64 = 0.75;
 const NEAR_M: f64 = 3.0;
+/// An aircraft keeps to its path when it is no farther from it than this, m.
+const ON_PATH_M: f64 = 5.0;
 /// Items that are current by mistake, in a message that comes late, do not end a flight: so many in a row have to say so.
 const SURE: u32 = 2;
 
@@ -45,6 +48,7 @@ pub struct Fix {
 #[derive(Clone, Debug)]
 pub struct Progress {
     pub mission: Arc<Mission>,
+    profile: Option<Profile>,
     exposures: Vec<Exposure>,
     /// The waypoint that is flown to.
     ahead: Option<usize>,
@@ -82,6 +86,7 @@ impl Progress {
             matched: before,
             strays: 0,
             is_fed,
+            profile: mission.plan.profile(),
             mission,
         }
     }
@@ -153,8 +158,33 @@ impl Progress {
 
     /// Images of the plan that were taken, from its first one on.
     pub fn images_taken(&self) -> usize {
-        let exposures = if self.is_fed { self.fed } else { self.passed };
+        self.images_up_to(if self.is_fed { self.fed } else { self.passed })
+    }
+
+    fn images_up_to(&self, exposures: usize) -> usize {
         exposures.checked_sub(1).map_or(0, |last| self.exposures[last].images)
+    }
+
+    /// Where an aircraft that keeps to its plan will be, how it will move, and how many exposures it will have passed by then; `None` for one that is
+    /// not on its path.
+    fn in_future(&self, fix: &Fix, lead_s: f64) -> Option<(Point3<f64>, Vector3<f64>, usize)> {
+        let profile = self.profile.as_ref()?;
+        let leg = self.leg()?;
+        let waypoints = &self.mission.plan.waypoints;
+        let (from, to) = (waypoints.get(leg)?.position_m, waypoints.get(leg + 1)?.position_m);
+        let along = (to - from).try_normalize(0.0)?;
+        let flown_m = (fix.position_m - from).dot(&along).clamp(0.0, (to - from).norm());
+        let here = profile.passing(leg, flown_m)?;
+        if (here.position_m - fix.position_m).norm() > ON_PATH_M {
+            return None;
+        }
+        let last = self.mission.stops.last()?.waypoint.checked_sub(1)?;
+        let last_s = profile.time_at_s(last, (waypoints.get(last + 1)?.position_m - waypoints[last].position_m).norm());
+        let then = profile.at((here.time_s + lead_s).min(last_s))?;
+        let images = &self.mission.plan.images;
+        let more =
+            self.exposures.iter().skip(self.passed).take_while(|exposure| images[exposure.images - 1].time_s <= then.time_s);
+        Some((then.position_m, then.velocity_mps, more.count()))
     }
 
     /// Exposures among them that the camera has told of no image near to, and images that belong to none.
@@ -181,15 +211,20 @@ impl Progress {
         self.is_flown
     }
 
-    /// What the daemon is to know; `None` on the ground, and where the position is not known or old.
-    pub fn report(&self, now: Duration) -> Option<FlightReport> {
+    /// What the daemon is to know; `None` on the ground, and where the position is not known or old. A plan that follows from it is flown so much
+    /// later, `lead`: what is reported is where the aircraft will be by then, if it flies on along its plan as that is timed.
+    pub fn report(&self, now: Duration, lead: Duration) -> Option<FlightReport> {
         let fix = self.fix.filter(|fix| now.saturating_sub(fix.at) <= FRESH && self.is_under_way())?;
+        let ahead = self.in_future(&fix, lead.as_secs_f64());
+        let (position_m, velocity_mps, more) = ahead.unwrap_or((fix.position_m, fix.velocity_mps, 0));
+        let passed = (self.passed + more).min(self.exposures.len());
         Some(FlightReport {
             epoch: self.mission.epoch,
-            images_taken: self.images_taken() as u64,
-            position_m: fix.position_m.into(),
-            velocity_mps: fix.velocity_mps.into(),
-            view_deg: self.view_deg(),
+            images_taken: self.images_up_to(if self.is_fed { (self.fed + more).min(passed.max(self.fed)) } else { passed })
+                as u64,
+            position_m: position_m.into(),
+            velocity_mps: velocity_mps.into(),
+            view_deg: self.view_deg(passed),
             time_left_s: None,
             landing_m: None,
         })
@@ -229,10 +264,10 @@ impl Progress {
     }
 
     /// Where a camera on a gimbal looks: as in the image that was passed last.
-    fn view_deg(&self) -> Option<[f64; 2]> {
+    fn view_deg(&self, passed: usize) -> Option<[f64; 2]> {
         let plan = &self.mission.plan;
         plan.limits.filter(|limits| limits.turning == Turning::View)?;
-        let last = self.passed.checked_sub(1).map(|last| self.exposures[last].images - 1);
+        let last = passed.checked_sub(1).map(|last| self.exposures[last].images - 1);
         let direction = match last.and_then(|image| plan.images.get(image)) {
             Some(image) => image.direction,
             None => plan.waypoints.first().and_then(|waypoint| waypoint.direction),

@@ -37,12 +37,17 @@ pub enum Place {
     /// Listens at this address and answers whoever speaks.
     UdpIn(String),
     Tcp(String),
-    Serial { device: String, baud: u32 },
+    Serial {
+        device: String,
+        baud: u32,
+    },
 }
 
 /// Why a link cannot be named so.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{text:?} is no link: {what}; give udp:HOST:PORT (speak first), udpin:HOST:PORT (listen), tcp:HOST:PORT or serial:DEVICE:BAUD")]
+#[error(
+    "{text:?} is no link: {what}; give udp:HOST:PORT (speak first), udpin:HOST:PORT (listen), tcp:HOST:PORT or serial:DEVICE:BAUD"
+)]
 pub struct PlaceError {
     text: String,
     what: &'static str,
@@ -62,7 +67,9 @@ fn remedy(place: &Place) -> &'static str {
         Place::Udp(_) => "see that the host is known and reached",
         Place::UdpIn(_) => "give an address of this machine and a port that no other program listens at",
         Place::Tcp(_) => "see that the autopilot or its router listens there",
-        Place::Serial { .. } => "see that the device is there, that you may use it (group dialout), and that no other program does",
+        Place::Serial { .. } => {
+            "see that the device is there, that you may use it (group dialout), and that no other program does"
+        }
     }
 }
 
@@ -84,7 +91,11 @@ impl FromStr for Place {
                 let (device, baud) = rest.rsplit_once(':').ok_or(wrong("it lacks the baud rate"))?;
                 let baud = baud.parse().ok().filter(|baud| (300..=12_000_000).contains(baud));
                 let baud = baud.ok_or(wrong("its baud rate is no number from 300 to 12000000"))?;
-                if device.is_empty() { Err(wrong("it lacks the device")) } else { Ok(Self::Serial { device: device.to_owned(), baud }) }
+                if device.is_empty() {
+                    Err(wrong("it lacks the device"))
+                } else {
+                    Ok(Self::Serial { device: device.to_owned(), baud })
+                }
             }
             _ => Err(wrong("it begins with none of udp, udpin, tcp, serial")),
         }
@@ -233,7 +244,8 @@ fn is_quiet(cause: &io::Error) -> bool {
 
 impl Wire {
     fn open(place: &Place) -> io::Result<Self> {
-        let resolve = |at: &str| at.to_socket_addrs()?.next().ok_or_else(|| io::Error::other("the name of the host is not known"));
+        let resolve =
+            |at: &str| at.to_socket_addrs()?.next().ok_or_else(|| io::Error::other("the name of the host is not known"));
         let line = match place {
             Place::Udp(at) => {
                 let peer = resolve(at)?;

@@ -16,6 +16,8 @@ use crate::trajectory::plan::{Plan, Waypoint};
 const SET_ANEW: usize = 8;
 /// A new path is joined where the aircraft is nearest to it, on so much of it from where it is looked for, m.
 const JOINED_WITHIN_M: f64 = 150.0;
+/// An aircraft that is nearer to the beginning of a path than this is there, m; and the beginning counts as reached within this.
+const BEFORE_M: f64 = 2.0;
 /// A later leg is only taken where it is nearer by so much, m.
 const NEARER_M: f64 = 0.5;
 /// Degrees of latitude and longitude are whole numbers of this on the wire.
@@ -94,6 +96,11 @@ impl Mission {
         }
         let stops = stop_items(&list, &waypoints, usize::from(autopilot == Autopilot::ArduPilot));
         let begins = joined.and_then(|joined| stops.iter().find(|stop| stop.waypoint >= joined)).map_or(0, |stop| stop.begins);
+        if let Some(stop) = stops.first().filter(|_| joined.is_some()) {
+            // A flight that goes on does not wait where its path begins.
+            let [hold_s, radius_m, ..] = &mut list[stop.item].params;
+            (*hold_s, *radius_m) = (0.0, BEFORE_M);
+        }
         let wire = list.iter().enumerate().map(|(seq, item)| wire(item, seq == begins));
         Ok(Self {
             epoch: new.epoch,
@@ -163,7 +170,9 @@ pub fn join(waypoints: &[Waypoint], changed: usize, ahead: Option<usize>, positi
             break;
         }
     }
-    best
+    // One that has not come to where the path begins flies there first: straight on to the next waypoint it would cut a corner.
+    let is_before = best.waypoint == 1 && from == 0 && (points[0] - position_m).dot(&(points[1] - points[0])) > 0.0;
+    if is_before && best.off_m > BEFORE_M { Join { waypoint: 0, ..best } } else { best }
 }
 
 /// The way from the nearest point between `a` and `b` to `p`.
@@ -274,7 +283,8 @@ mod tests {
     use crate::mission::fixture;
 
     fn new(rig: &str) -> NewPlan {
-        let corners: Vec<[f64; 3]> = (0..30).map(|k| [40.0 * f64::from(k % 6), 40.0 * f64::from(k / 6), 30.0 + f64::from(k)]).collect();
+        let corners: Vec<[f64; 3]> =
+            (0..30).map(|k| [40.0 * f64::from(k % 6), 40.0 * f64::from(k / 6), 30.0 + f64::from(k)]).collect();
         NewPlan { epoch: 7, plan: Arc::new(fixture::plan(rig, &corners)), differs_from: None }
     }
 
@@ -319,7 +329,9 @@ mod tests {
 
     #[test]
     fn an_aircraft_that_joins_in_flight_has_all_settings_of_one_that_has_flown_from_the_start() {
-        for (rig, autopilot) in [("phantom4-rtk", Autopilot::Px4), ("phantom4-rtk", Autopilot::ArduPilot), ("panoramic", Autopilot::Px4)] {
+        for (rig, autopilot) in
+            [("phantom4-rtk", Autopilot::Px4), ("phantom4-rtk", Autopilot::ArduPilot), ("panoramic", Autopilot::Px4)]
+        {
             let whole = mission(rig, autopilot, None);
             let joined = mission(rig, autopilot, Some(9));
             assert!(joined.items.len() > whole.items.len(), "the settings are repeated");
@@ -351,6 +363,8 @@ mod tests {
         let from_pose = line(&[[13.0, 0.0, 0.0], [18.0, 0.0, 0.0], [18.0, 50.0, 0.0], [13.0, 50.0, 0.0], [13.0, 2.0, 0.0]]);
         assert_eq!(join(&from_pose, 0, Some(2), &Point3::new(14.0, 0.3, 0.0), 0).waypoint, 1);
         assert_eq!(join(&from_pose, 0, Some(2), &Point3::new(18.5, 9.0, 0.0), 0).waypoint, 2);
+        // It has not come to the pose yet that it was said to be at by now.
+        assert_eq!(join(&from_pose, 0, Some(2), &Point3::new(9.0, 1.0, 0.0), 0).waypoint, 0);
     }
 
     #[test]

@@ -33,6 +33,9 @@ const POSITION_WAIT: Duration = Duration::from_secs(3);
 /// How often an upload that may pass is tried in all, and the pause between.
 const ATTEMPTS: u32 = 3;
 const PAUSE: Duration = Duration::from_secs(1);
+/// What a daemon takes for a first safe plan, with the age of a report; and the longest that a plan is made ahead for.
+const PLANNING: Duration = Duration::from_millis(500);
+const MOST_LEAD: Duration = Duration::from_secs(15);
 /// An armed aircraft that is higher above its take-off place flies, mm.
 const AIRBORNE_MM: i32 = 2000;
 /// Stations that are remembered for an error.
@@ -104,6 +107,8 @@ pub struct Pilot {
     orders: VecDeque<Order>,
     command: Option<Command>,
     is_held: bool,
+    /// How much later than a report a plan that follows from it is flown.
+    lead: Duration,
     out: Vec<MavMessage>,
     notices: Vec<Notice>,
     outcome: Option<Result<End, PilotError>>,
@@ -128,6 +133,7 @@ impl Pilot {
             orders: VecDeque::new(),
             command: None,
             is_held: false,
+            lead: PLANNING,
             out: Vec::new(),
             notices: Vec::new(),
             outcome: None,
@@ -161,10 +167,11 @@ impl Pilot {
         self.vehicle.is_some_and(|vehicle| vehicle.is_armed)
     }
 
-    /// What the daemon is to know of the flight now; nothing while it goes over to another plan.
+    /// What the daemon is to know of the flight; nothing while it goes over to another plan. A plan is flown when it is made and uploaded, which takes as long
+    /// as it took the last time.
     pub fn report(&self, now: Duration) -> Option<FlightReport> {
         let is_known = !matches!(self.work, Work::Setting { .. });
-        self.progress.as_ref().filter(|_| is_known).and_then(|progress| progress.report(now))
+        self.progress.as_ref().filter(|_| is_known).and_then(|progress| progress.report(now, self.lead))
     }
 
     /// Takes a message of anybody.
@@ -194,7 +201,9 @@ impl Pilot {
             MavMessage::MISSION_CURRENT(current) if !matches!(self.work, Work::Setting { .. }) => {
                 let (item, is_changing) = (usize::from(current.seq), matches!(self.work, Work::Uploading { .. }));
                 // An item behind the last one may be one of the mission that has just gone up.
-                if let Some(progress) = self.progress.as_mut().filter(|progress| !is_changing || item <= progress.mission.last_item()) {
+                if let Some(progress) =
+                    self.progress.as_mut().filter(|progress| !is_changing || item <= progress.mission.last_item())
+                {
                     progress.current(item);
                 }
             }
@@ -279,7 +288,8 @@ impl Pilot {
 
     /// A first heartbeat: of the aircraft, or of somebody else.
     fn meet(&mut self, from: Address, heartbeat: &HEARTBEAT_DATA, is_armed: bool, now: Duration) {
-        let is_autopilot = heartbeat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID && heartbeat.mavtype != MavType::MAV_TYPE_GCS;
+        let is_autopilot =
+            heartbeat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID && heartbeat.mavtype != MavType::MAV_TYPE_GCS;
         if !is_autopilot || self.options.system.is_some_and(|system| system != from.system) {
             if !self.others.contains(&from) && self.others.len() < MOST_OTHERS {
                 self.others.push(from);

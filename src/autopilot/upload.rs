@@ -8,8 +8,8 @@
 use std::time::Duration;
 
 use super::dialect::{
-    MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_DATA, MISSION_REQUEST_INT_DATA, MavMissionResult,
-    MavMissionType,
+    MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_DATA, MISSION_REQUEST_INT_DATA,
+    MavMissionResult, MavMissionType,
 };
 use super::{Address, MavMessage};
 
@@ -70,7 +70,9 @@ pub enum UploadError {
          much or is gone{}", busy(.other)
     )]
     Stalled { asked: usize, count: usize, tries: u32, other: Option<Address> },
-    #[error("the autopilot has all {count} items and does not confirm them; what it flies now is not known: look at its mission before flying")]
+    #[error(
+        "the autopilot has all {count} items and does not confirm them; what it flies now is not known: look at its mission before flying"
+    )]
     Unconfirmed { count: usize },
     #[error(
         "the autopilot asked for item {found} when item {expected} was next, {rounds} times over: it is confused by another transfer; end the other \
@@ -100,7 +102,9 @@ impl UploadError {
 }
 
 fn busy(other: &Option<Address>) -> String {
-    other.map_or(String::new(), |other| format!(" (it exchanges a mission with another station, {other}: wait for that, or end it)"))
+    other.map_or(String::new(), |other| {
+        format!(" (it exchanges a mission with another station, {other}: wait for that, or end it)")
+    })
 }
 
 fn at(item: &Option<(usize, String)>) -> String {
@@ -116,9 +120,15 @@ fn reason(result: &MavMissionResult, count: usize) -> String {
             format!("it has no room for {count} items; fly shorter sorties (`--sortie-time`), or give the board an SD card")
         }
         MAV_MISSION_UNSUPPORTED_FRAME => "it does not know the frame of the heights; update its firmware".to_owned(),
-        MAV_MISSION_UNSUPPORTED => "it does not know the command; give `--autopilot` if another kind was detected, or update its firmware".to_owned(),
-        MAV_MISSION_DENIED => "it takes no mission from this program now; see its messages, and whether it is armed or in a failsafe".to_owned(),
-        MAV_MISSION_INVALID => "it finds the item invalid; see its messages: often it is too far from home, or outside of a geofence".to_owned(),
+        MAV_MISSION_UNSUPPORTED => {
+            "it does not know the command; give `--autopilot` if another kind was detected, or update its firmware".to_owned()
+        }
+        MAV_MISSION_DENIED => {
+            "it takes no mission from this program now; see its messages, and whether it is armed or in a failsafe".to_owned()
+        }
+        MAV_MISSION_INVALID => {
+            "it finds the item invalid; see its messages: often it is too far from home, or outside of a geofence".to_owned()
+        }
         MAV_MISSION_INVALID_PARAM1 => parameter("1"),
         MAV_MISSION_INVALID_PARAM2 => parameter("2"),
         MAV_MISSION_INVALID_PARAM3 => parameter("3"),
@@ -127,7 +137,9 @@ fn reason(result: &MavMissionResult, count: usize) -> String {
         MAV_MISSION_INVALID_PARAM6_Y => parameter("6 (longitude)"),
         MAV_MISSION_INVALID_PARAM7 => parameter("7 (height)"),
         MAV_MISSION_INVALID_SEQUENCE => "it lost count of the items; try again".to_owned(),
-        MAV_MISSION_OPERATION_CANCELLED => "the transfer was cancelled; another station or a failsafe did that: try again".to_owned(),
+        MAV_MISSION_OPERATION_CANCELLED => {
+            "the transfer was cancelled; another station or a failsafe did that: try again".to_owned()
+        }
         MAV_MISSION_ERROR => "it gives no reason; see its messages, and whether another station transfers a mission".to_owned(),
         MAV_MISSION_ACCEPTED => "it accepted it".to_owned(),
     }
@@ -195,10 +207,10 @@ impl Upload {
         match message {
             // Old autopilots ask by MISSION_REQUEST; the answer is the same.
             MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA { seq, target_system, target_component, mission_type })
-            | MavMessage::MISSION_REQUEST(MISSION_REQUEST_DATA { seq, target_system, target_component, mission_type }) => {
-                if self.is_ours(*target_system, *target_component, *mission_type) {
-                    return self.asked_for(usize::from(*seq), now);
-                }
+            | MavMessage::MISSION_REQUEST(MISSION_REQUEST_DATA { seq, target_system, target_component, mission_type })
+                if self.is_ours(*target_system, *target_component, *mission_type) =>
+            {
+                return self.asked_for(usize::from(*seq), now);
             }
             MavMessage::MISSION_ACK(ack) if self.is_ours(ack.target_system, ack.target_component, ack.mission_type) => {
                 return self.answered(ack.mavtype, now);

@@ -18,7 +18,7 @@ use super::{AIRCRAFT, Manner, Model};
 /// Metres of a degree of latitude, near enough for a small block.
 const DEGREE_M: f64 = 111_195.0;
 /// Speed in flight, m/s: tests do not wait for a drone of usual speed.
-const SPEED_MPS: f64 = 25.0;
+const SPEED_MPS: f64 = 12.0;
 const STEP: Duration = Duration::from_millis(20);
 
 /// What a test can look at and change.
@@ -229,7 +229,7 @@ fn image(control: &Control) -> MavMessage {
 
 /// Says where it is, and that it is there.
 fn tell(control: &Control, before: [f64; 3], step: u32, now: Duration, radio: &mut Radio) {
-    if step % 10 == 0 {
+    if step.is_multiple_of(10) {
         let armed = if control.is_armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { MavModeFlag::empty() };
         let heartbeat = HEARTBEAT_DATA {
             custom_mode: 0x0404_0000,
@@ -242,9 +242,10 @@ fn tell(control: &Control, before: [f64; 3], step: u32, now: Duration, radio: &m
         radio.send(&MavMessage::HEARTBEAT(heartbeat), now);
         radio.send(&control.model.mission_current(), now);
     }
-    if step % 4 == 0 {
+    if step.is_multiple_of(4) {
         let [lat, lon, up_m] = control.place;
-        let cmps = |axis: usize, scale_m: f64| ((control.place[axis] - before[axis]) * scale_m / STEP.as_secs_f64() * 100.0) as i16;
+        let cmps =
+            |axis: usize, scale_m: f64| ((control.place[axis] - before[axis]) * scale_m / STEP.as_secs_f64() * 100.0) as i16;
         let position = GLOBAL_POSITION_INT_DATA {
             lat: (lat * 1e7).round() as i32,
             lon: (lon * 1e7).round() as i32,

@@ -70,7 +70,9 @@ impl Model {
 
     pub fn hear(&mut self, from: Address, message: &MavMessage, now: Duration) -> Vec<MavMessage> {
         match message {
-            MavMessage::MISSION_COUNT(count) if is_ours(count.target_system) => self.on_count(from, usize::from(count.count), now),
+            MavMessage::MISSION_COUNT(count) if is_ours(count.target_system) => {
+                self.on_count(from, usize::from(count.count), now)
+            }
             MavMessage::MISSION_ITEM_INT(item) if is_ours(item.target_system) => self.on_item(from, item, now),
             MavMessage::MISSION_ACK(ack) if self.receiving.as_ref().is_some_and(|receiving| receiving.from == from) => {
                 if ack.mavtype == MavMissionResult::MAV_MISSION_OPERATION_CANCELLED {
@@ -155,7 +157,12 @@ impl Model {
 pub fn request(to: Address, seq: usize, by_request: bool) -> MavMessage {
     let (seq, target_system, target_component) = (seq as u16, to.system, to.component);
     if by_request {
-        MavMessage::MISSION_REQUEST(MISSION_REQUEST_DATA { seq, target_system, target_component, ..MISSION_REQUEST_DATA::DEFAULT })
+        MavMessage::MISSION_REQUEST(MISSION_REQUEST_DATA {
+            seq,
+            target_system,
+            target_component,
+            ..MISSION_REQUEST_DATA::DEFAULT
+        })
     } else {
         let data = MISSION_REQUEST_INT_DATA { seq, target_system, target_component, ..MISSION_REQUEST_INT_DATA::DEFAULT };
         MavMessage::MISSION_REQUEST_INT(data)

@@ -45,7 +45,7 @@ fn images_count_as_they_are_passed() {
     for rig in ["panoramic", "m300-oblique", "phantom4-rtk"] {
         let mission = mission(rig);
         let mut progress = Progress::new(Arc::clone(&mission), None, None, false);
-        assert_eq!((progress.images_taken(), progress.report(Duration::ZERO)), (0, None), "on the ground");
+        assert_eq!((progress.images_taken(), progress.report(Duration::ZERO, Duration::ZERO)), (0, None), "on the ground");
         progress.current(0);
         assert!(!progress.is_under_way());
         let first = mission.stops[0].item;
@@ -55,7 +55,7 @@ fn images_count_as_they_are_passed() {
             let cameras = mission.plan.cameras.len();
             let taken = progress.images_taken();
             assert!(passed.abs_diff(taken) <= cameras, "{rig}: {taken} of {passed} at {time_s} s");
-            let report = progress.report(Duration::from_secs_f64(time_s)).expect("it is under way");
+            let report = progress.report(Duration::from_secs_f64(time_s), Duration::ZERO).expect("it is under way");
             assert_eq!((report.epoch, report.images_taken), (7, taken as u64));
             assert_eq!(report.check(), Ok(()));
             assert_eq!(report.view_deg.is_some(), rig == "phantom4-rtk");
@@ -114,10 +114,32 @@ fn one_message_that_comes_late_ends_no_flight_and_an_unknown_place_is_none() {
 fn an_old_position_is_not_reported() {
     let mission = mission("panoramic");
     let mut progress = Progress::new(Arc::clone(&mission), Some(2), None, false);
-    let at = mission.plan.waypoints[1].position_m;
+    let at = mission.plan.waypoints[1].position_m + Vector3::new(0.0, 0.0, 9.0);
     progress.moved(&wire(&mission, &at, &Vector3::new(3.0, 4.0, -1.0)), Duration::from_secs(10));
-    let report = progress.report(Duration::from_secs(11)).unwrap();
+    let report = progress.report(Duration::from_secs(11), Duration::ZERO).unwrap();
     assert!((Point3::from(report.position_m) - at).norm() < 0.02);
     assert_eq!(report.velocity_mps, [3.0, 4.0, -1.0]);
-    assert_eq!(progress.report(Duration::from_secs(13)), None);
+    assert_eq!(progress.report(Duration::from_secs(13), Duration::ZERO), None);
+}
+
+#[test]
+fn a_report_says_where_the_aircraft_will_be_when_a_new_plan_can_be_flown() {
+    let mission = mission("panoramic");
+    let profile = mission.plan.profile().unwrap();
+    let mut progress = Progress::new(Arc::clone(&mission), None, None, false);
+    progress.reached(mission.stops[0].item);
+    let lead_s = 4.0;
+    fly(&mut progress, |progress, time_s| {
+        let report = progress.report(Duration::from_secs_f64(time_s), Duration::from_secs_f64(lead_s)).unwrap();
+        let then = profile.at((time_s + lead_s).min(profile.duration_s())).unwrap();
+        let off_m = (Point3::from(report.position_m) - then.position_m).norm();
+        assert!(off_m < 1.5, "{off_m} m off at {time_s} s");
+        let passed = mission.plan.images.iter().filter(|image| image.time_s <= then.time_s).count();
+        assert!((report.images_taken as usize).abs_diff(passed) <= 1, "{} of {passed} images at {time_s} s", report.images_taken);
+    });
+    // One that is not on its path is where it is.
+    let aside = mission.plan.waypoints[5].position_m + Vector3::new(0.0, 0.0, 20.0);
+    progress.moved(&wire(&mission, &aside, &Vector3::zeros()), Duration::from_secs(900));
+    let report = progress.report(Duration::from_secs(900), Duration::from_secs_f64(lead_s)).unwrap();
+    assert!((Point3::from(report.position_m) - aside).norm() < 0.05);
 }

@@ -32,7 +32,18 @@ fn links_are_named_in_four_ways_and_what_is_wrong_is_said() {
         assert_eq!(text.parse::<Place>().unwrap().to_string(), text);
     }
     assert_eq!("udp:[::1]:14550".parse::<Place>().unwrap(), Place::Udp("[::1]:14550".to_owned()));
-    let wrong = ["", "udp", "udp:", "udp:14550", "udp::14550", "udpin:host:0", "tcp:h:99999", "http:h:80", "serial:/dev/tty", "serial::9600"];
+    let wrong = [
+        "",
+        "udp",
+        "udp:",
+        "udp:14550",
+        "udp::14550",
+        "udpin:host:0",
+        "tcp:h:99999",
+        "http:h:80",
+        "serial:/dev/tty",
+        "serial::9600",
+    ];
     for text in wrong {
         let error = text.parse::<Place>().unwrap_err().to_string();
         assert!(error.contains("udpin:HOST:PORT"), "{error}");

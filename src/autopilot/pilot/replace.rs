@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::{AIRBORNE_MM, ATTEMPTS, PAUSE, POSITION_WAIT, Pilot, Vehicle, Work};
+use super::{AIRBORNE_MM, ATTEMPTS, MOST_LEAD, PAUSE, PLANNING, POSITION_WAIT, Pilot, Vehicle, Work};
 use crate::autopilot::command::{Command, Order, SetCurrent};
 use crate::autopilot::follow::{self, Fix, Progress};
 use crate::autopilot::mission::{self, Join, Mission, MissionError, NewPlan};
@@ -147,6 +147,7 @@ impl Pilot {
     fn on_uploaded(&mut self, mission: Arc<Mission>, vehicle: Vehicle, began: Duration, now: Duration) {
         let (epoch, items) = (mission.epoch, mission.items.len());
         let (sortie, sorties, took) = (mission.sortie, mission.sorties, now - began);
+        self.lead = (PLANNING + took).min(MOST_LEAD);
         self.notices.push(Notice::Uploaded { epoch, items, took, sortie, sorties });
         let begun = mission.items.iter().position(|item| item.current == 1).unwrap_or(0);
         let from = mission.waypoint_ahead(begun).map_or(0, |waypoint| waypoint.saturating_sub(1));

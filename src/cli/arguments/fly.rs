@@ -110,7 +110,9 @@ impl FromStr for HomeArg {
             Ok(&[lat_deg, lon_deg, alt_m]) if is_place(lat_deg, lon_deg) && alt_m.abs() <= 10_000.0 => {
                 Ok(Self(HomeChoice { lat_deg, lon_deg, alt_m: Some(alt_m) }))
             }
-            _ => Err(format!("{text:?} is no place; give latitude and longitude in degrees, such as 51.912,4.467, or with a height in metres")),
+            _ => Err(format!(
+                "{text:?} is no place; give latitude and longitude in degrees, such as 51.912,4.467, or with a height in metres"
+            )),
         }
     }
 }

@@ -29,7 +29,10 @@ const KNOWN: usize = 64;
 pub enum Word {
     Plan(NewPlan),
     /// The scene as it is leaves no flight.
-    Infeasible { revision: u64, reason: String },
+    Infeasible {
+        revision: u64,
+        reason: String,
+    },
     /// The first contact failed: there is nothing to fly.
     Failed(ClientError),
     Lost(String),
@@ -187,7 +190,9 @@ impl Thread {
                 }
                 Ok(None) => {}
                 // One plan that cannot be read; the next one may be.
-                Err(error @ (ClientError::Message(_) | ClientError::Table(_))) => drop(self.words.send(Word::Refused(error.to_string()))),
+                Err(error @ (ClientError::Message(_) | ClientError::Table(_))) => {
+                    drop(self.words.send(Word::Refused(error.to_string())))
+                }
                 Err(error) => return Err(error),
             }
             let report = self.report.lock().unwrap_or_else(PoisonError::into_inner).take();

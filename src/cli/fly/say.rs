@@ -35,7 +35,11 @@ pub fn notice(notice: &Notice) -> Answer {
         Notice::Note(text) => line("note", format!("note: {text}"), json!({ "message": text })),
         Notice::Uploading { epoch, items, attempt } => line(
             "uploading",
-            format!("uploading {}: {items} items{}", plan(*epoch), if *attempt > 1 { format!(", attempt {attempt}") } else { String::new() }),
+            format!(
+                "uploading {}: {items} items{}",
+                plan(*epoch),
+                if *attempt > 1 { format!(", attempt {attempt}") } else { String::new() }
+            ),
             json!({ "epoch": epoch, "items": items, "attempt": attempt }),
         ),
         Notice::Uploaded { epoch, items, took, sortie, sorties } => {
@@ -51,7 +55,10 @@ pub fn notice(notice: &Notice) -> Answer {
             let far = if *off_m > FAR_M { "; the way there was not looked at by the planner" } else { "" };
             line(
                 "joined",
-                format!("flying on along {}: waypoint {waypoint} is next (item {item}), {off_m:.1} m off the path{far}", plan(*epoch)),
+                format!(
+                    "flying on along {}: waypoint {waypoint} is next (item {item}), {off_m:.1} m off the path{far}",
+                    plan(*epoch)
+                ),
                 json!({ "epoch": epoch, "waypoint": waypoint, "item": item, "off_path_m": off_m, "far": *off_m > FAR_M }),
             )
         }
@@ -70,7 +77,8 @@ pub fn notice(notice: &Notice) -> Answer {
         ),
         Notice::LinkLost { silent } => {
             let silent_s = silent.as_secs_f64();
-            let text = format!("no heartbeat for {silent_s:.0} s: the link is lost; the autopilot flies its mission on by itself");
+            let text =
+                format!("no heartbeat for {silent_s:.0} s: the link is lost; the autopilot flies its mission on by itself");
             line("link_lost", text, json!({ "silent_s": silent_s }))
         }
         Notice::LinkBack { silent } => {
@@ -97,11 +105,9 @@ pub fn word(word: &Word) -> Answer {
             json!({ "revision": revision, "infeasible": reason }),
         ),
         Word::Failed(error) => line("daemon_lost", error.to_string(), json!({ "message": error.to_string() })),
-        Word::Lost(why) => line(
-            "daemon_lost",
-            format!("there are no newer plans for now, the flight goes on: {why}"),
-            json!({ "message": why }),
-        ),
+        Word::Lost(why) => {
+            line("daemon_lost", format!("there are no newer plans for now, the flight goes on: {why}"), json!({ "message": why }))
+        }
         Word::Back => line("daemon_back", "the daemon is back: newer plans are taken again".to_owned(), json!({})),
         Word::Refused(why) => line("daemon_refused", format!("the daemon: {why}"), json!({ "message": why })),
     }
@@ -153,7 +159,8 @@ pub fn stopped(progress: Option<&Progress>) -> Answer {
 /// The items of a mission, as they would be sent. Numbers that are left to the autopilot are `null`.
 pub fn items(mission: &Mission) -> Answer {
     let number = |value: f32| if value.is_nan() { "-".to_owned() } else { format!("{value}") };
-    let mut rows = vec![["item", "command", "frame", "1", "2", "3", "4", "5 (lat)", "6 (lon)", "7 (alt)"].map(str::to_owned).to_vec()];
+    let mut rows =
+        vec![["item", "command", "frame", "1", "2", "3", "4", "5 (lat)", "6 (lon)", "7 (alt)"].map(str::to_owned).to_vec()];
     let mut list = Vec::new();
     for (seq, item) in mission.items.iter().enumerate() {
         let command = format!("{:?}", item.command);

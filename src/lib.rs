@@ -27,6 +27,7 @@ pub mod session;
 pub mod surface;
 pub mod trajectory;
 
+pub mod autopilot;
 pub mod cli;
 pub mod daemon;
 pub mod mission;

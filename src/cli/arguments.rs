@@ -2,6 +2,7 @@
 
 mod edit;
 mod export;
+mod fly;
 mod measuring;
 mod reading;
 
@@ -11,6 +12,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::edit::{Change, EditArgs, ShapeArgs, UpdateArgs};
 pub use self::export::{ExportArgs, Format};
+pub use self::fly::FlyArgs;
 pub use self::measuring::{BenchArgs, BoundArgs, ReproduceArgs, Subject};
 pub use self::reading::{InspectArgs, ReadArgs};
 use super::en_route::EnRouteArgs;
@@ -26,9 +28,10 @@ Exit codes:
   4  no daemon answers, the contact to it was lost, or it cannot start
   5  the daemon refused: unknown scene or structure, an edit that makes no sense
   6  no plan: nothing to fly in, a start that cannot be flown, an unknown rig or method
+  7  no autopilot answers, the link to it was lost, or it refused the mission
   130  interrupted: by a second Ctrl-C, or by the first before there was any plan
 
-With --json each command prints one JSON object on standard output (`watch` one per line), and an error is
+With --json each command prints one JSON object on standard output (`watch` and `fly` one per line), and an error is
 {\"error\": {\"kind\": ..., \"message\": ...}} there. Progress, notes and logs go to standard error.
 
 Lengths are metres, times seconds, angles degrees; positions are east, north, up in the scene's local frame.";
@@ -76,6 +79,8 @@ pub enum Command {
     Update(UpdateArgs),
     /// Receive each new plan of a scene as it is published
     Watch(WatchArgs),
+    /// Upload a plan to an autopilot by MAVLink, follow its flight and replace the mission when there is a newer plan
+    Fly(Box<FlyArgs>),
     /// End the running search of a loaded scene with its best plan so far
     #[command(
         after_help = "A search that has not begun yet is refused. Without a search nothing happens.\n\nExample:\n  overfly cancel town"

@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 use overfly_client::{ClientError, DomainError, RefusalCode};
 use serde_json::json;
 
+use crate::autopilot::link::LinkError;
+use crate::autopilot::mission::MissionError;
+use crate::autopilot::notice::PilotError;
 use crate::bound::BoundError;
 use crate::camera::RigError;
 use crate::daemon::{ConfigurationError, DaemonError};
@@ -28,6 +31,7 @@ pub enum Kind {
     NoDaemon = 4,
     Refused = 5,
     NoPlan = 6,
+    Autopilot = 7,
     Interrupted = 130,
 }
 
@@ -75,6 +79,10 @@ pub enum Failure {
     #[error("{plan:?} does not tell its scene ({run:?}: {cause}); give the scene file with `--truth`")]
     UnknownScene { plan: PathBuf, run: PathBuf, cause: String },
     #[error(transparent)]
+    Link(#[from] LinkError),
+    #[error(transparent)]
+    Pilot(#[from] PilotError),
+    #[error(transparent)]
     Drawing(#[from] SvgError),
     #[error("{0}")]
     Daemon(String),
@@ -110,6 +118,9 @@ impl Failure {
                 | CourseError::NoLimits,
             ) => Kind::InputFile,
             Failure::Course(_) => Kind::NoPlan,
+            Failure::Pilot(PilotError::Mission(MissionError::NoSortie { .. })) => Kind::Usage,
+            Failure::Pilot(PilotError::Mission(_)) => Kind::NoPlan,
+            Failure::Link(_) | Failure::Pilot(_) => Kind::Autopilot,
             Failure::Field(_) | Failure::Plan(_) | Failure::Bound(_) | Failure::Rig(_) => Kind::NoPlan,
             Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,
             Failure::Write { .. } | Failure::Print(_) | Failure::Drawing(_) | Failure::Unexpected(_) => Kind::Unexpected,
@@ -135,6 +146,7 @@ impl Kind {
             Kind::NoDaemon => "no_daemon",
             Kind::Refused => "refused",
             Kind::NoPlan => "no_plan",
+            Kind::Autopilot => "autopilot",
             Kind::Interrupted => "interrupted",
         }
     }

@@ -15,6 +15,7 @@ mod en_route;
 mod evaluate;
 mod export;
 mod failure;
+mod fly;
 mod generate;
 mod import_lines;
 mod in_process;
@@ -78,6 +79,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Edit(arguments) => edit::run(arguments, form).map(Some),
         Command::Update(arguments) => update::run(arguments, form).map(Some),
         Command::Watch(arguments) => watch::run(arguments, form).map(|()| None),
+        Command::Fly(arguments) => fly::run(arguments, form).map(|()| None),
         Command::Cancel(arguments) => scene::cancel(arguments).map(Some),
         Command::Unload(arguments) => scene::unload(arguments).map(Some),
         Command::Status(arguments) => status::run(arguments, form),

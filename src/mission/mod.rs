@@ -26,6 +26,6 @@ pub mod coverage_model;
 pub mod footprints;
 
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 #[cfg(test)]
 mod tests;

@@ -55,9 +55,9 @@ impl Change {
         self.changed.start.saturating_sub(1)..(self.changed.start + self.count + 1).min(self.new_len)
     }
 
-    /// Where a waypoint behind the change was before it.
+    /// Where a waypoint behind the change was before it; nowhere in a path that is all new.
     fn before(&self, k: usize) -> usize {
-        k + self.changed.len() - self.count
+        (k + self.changed.len()).wrapping_sub(self.count)
     }
 }
 

@@ -228,6 +228,15 @@ impl Client {
         Ok(watch)
     }
 
+    /// Has the last plan of a scene published once more, for a watch that was opened after it. Returns its epoch; a scene that has none is refused with
+    /// the code [`RefusalCode::UnknownScene`].
+    pub fn publish_again(&self, scene: &str) -> Result<u64, ClientError> {
+        match self.link.call(&Request::Republish { scene: scene.into() }, &[], PATIENCE, &mut |_| {})?.1 {
+            Reply::Planned { epoch } => Ok(epoch),
+            other => Err(unexpected(&other)),
+        }
+    }
+
     /// Receives the status now and whenever it changes.
     pub fn status_feed(&self) -> Result<StatusFeed, ClientError> {
         let feed = StatusFeed::open(&self.link.domain)?;

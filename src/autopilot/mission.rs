@@ -1,0 +1,375 @@
+//! A plan as the mission items that go to an autopilot, and where the aircraft is in the plan while one of them is current.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::{Point3, Vector3};
+
+use super::dialect::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
+use crate::frame::LocalFrame;
+use crate::mission::course::{Course, CourseError, CourseOptions, HomeChoice};
+use crate::mission::mav_items::{self, Autopilot, MavItem};
+use crate::trajectory::plan::{Plan, Waypoint};
+
+/// A mission that is joined in flight sets speed, trigger and gimbal anew on the legs to so many waypoints: at whichever of them the aircraft is when
+/// the upload is through, nothing depends on an item that it has skipped.
+const SET_ANEW: usize = 8;
+/// A new path is joined where the aircraft is nearest to it, on so much of it from where it is looked for, m.
+const JOINED_WITHIN_M: f64 = 150.0;
+/// An aircraft that is nearer to the beginning of a path than this is there, m; and the beginning counts as reached within this.
+const BEFORE_M: f64 = 2.0;
+/// A later leg is only taken where it is nearer by so much, m.
+const NEARER_M: f64 = 0.5;
+/// Degrees of latitude and longitude are whole numbers of this on the wire.
+const DEGREE: f64 = 1e7;
+
+/// A plan to be flown.
+#[derive(Clone, Debug)]
+pub struct NewPlan {
+    /// As the daemon counts plans; 0 for one from a file.
+    pub epoch: u64,
+    pub plan: Arc<Plan>,
+    /// The plan before it, and the first waypoint that is not as it was there.
+    pub differs_from: Option<(u64, usize)>,
+}
+
+/// A plan, or the sortie of it that one battery flies, as mission items.
+#[derive(Clone, Debug)]
+pub struct Mission {
+    pub epoch: u64,
+    pub plan: Arc<Plan>,
+    pub frame: LocalFrame,
+    pub home: HomeChoice,
+    /// Height of the take-off place, from which the heights of the items count, in the local frame, m.
+    pub home_z_m: f64,
+    pub items: Vec<MISSION_ITEM_INT_DATA>,
+    pub stops: Vec<StopItem>,
+    /// Number of the sortie, and how many there are.
+    pub sortie: usize,
+    pub sorties: usize,
+    pub notes: Vec<String>,
+}
+
+/// The items of one waypoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StopItem {
+    /// Its place among the plan's waypoints.
+    pub waypoint: usize,
+    /// The item that leads to it, and the first one of those that prepare the way there.
+    pub item: usize,
+    pub begins: usize,
+}
+
+/// Why a plan does not become a mission.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MissionError {
+    #[error(transparent)]
+    Course(#[from] CourseError),
+    #[error("the plan has {has} sortie(s), and there is none of number {wanted}; give `--sortie` from 1 to {has}")]
+    NoSortie { wanted: usize, has: usize },
+    #[error("the mission holds the command {command}, which cannot be sent; this is a defect, please report it with the plan")]
+    Command { command: u16 },
+}
+
+impl Mission {
+    /// The mission of a plan for an autopilot; one that is `joined` in flight at a waypoint leaves nothing to items that are skipped.
+    pub fn new(
+        new: &NewPlan,
+        options: &CourseOptions,
+        sortie: usize,
+        autopilot: Autopilot,
+        joined: Option<usize>,
+    ) -> Result<Self, MissionError> {
+        let course = Course::new(&new.plan, None, options)?;
+        let sorties = course.sorties.len();
+        let flown = sortie.checked_sub(1).and_then(|index| course.sorties.get(index));
+        let flown = flown.ok_or(MissionError::NoSortie { wanted: sortie, has: sorties })?;
+        let waypoints: Vec<usize> = flown.stops.iter().map(|stop| stop.waypoint).collect();
+        let mut list = mav_items::items(&course, flown, autopilot);
+        if let Some(joined) = joined {
+            let first = waypoints.partition_point(|&waypoint| waypoint < joined);
+            list = set_anew(&list, first..first + SET_ANEW);
+        }
+        if autopilot == Autopilot::ArduPilot {
+            // Its item 0 is the home position, and is never flown to.
+            list.insert(0, home_item(&course));
+        }
+        let stops = stop_items(&list, &waypoints, usize::from(autopilot == Autopilot::ArduPilot));
+        let begins = joined.and_then(|joined| stops.iter().find(|stop| stop.waypoint >= joined)).map_or(0, |stop| stop.begins);
+        if let Some(stop) = stops.first().filter(|_| joined.is_some()) {
+            // A flight that goes on does not wait where its path begins.
+            let [hold_s, radius_m, ..] = &mut list[stop.item].params;
+            (*hold_s, *radius_m) = (0.0, BEFORE_M);
+        }
+        let wire = list.iter().enumerate().map(|(seq, item)| wire(item, seq == begins));
+        Ok(Self {
+            epoch: new.epoch,
+            plan: Arc::clone(&new.plan),
+            frame: LocalFrame { origin: new.plan.scene.origin },
+            home: HomeChoice {
+                lat_deg: course.home.geodetic.lat_deg,
+                lon_deg: course.home.geodetic.lon_deg,
+                alt_m: Some(course.home.geodetic.alt_m),
+            },
+            home_z_m: course.home.position_m.z,
+            items: wire.collect::<Result<_, _>>()?,
+            stops,
+            sortie,
+            sorties,
+            notes: course.notes,
+        })
+    }
+
+    /// The plan's waypoint that the aircraft flies to while an item is current: the first one on the way out, `None` behind the last one.
+    pub fn waypoint_ahead(&self, item: usize) -> Option<usize> {
+        self.stops.iter().find(|stop| stop.item >= item).map(|stop| stop.waypoint)
+    }
+
+    /// The items of a waypoint, or of the next one that has any: waypoints at one place are one.
+    pub fn stop_from(&self, waypoint: usize) -> Option<StopItem> {
+        self.stops.iter().copied().find(|stop| stop.waypoint >= waypoint)
+    }
+
+    /// The item behind which the plan, or this sortie of it, is flown.
+    pub fn last_item(&self) -> usize {
+        self.stops.last().map_or(0, |stop| stop.item)
+    }
+}
+
+/// Where a new path is flown on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Join {
+    /// The waypoint that is flown to next.
+    pub waypoint: usize,
+    /// How far the aircraft is from the leg that leads there, m.
+    pub off_m: f64,
+}
+
+/// The first waypoint that is not as it was.
+pub fn first_changed(old: &[Waypoint], new: &[Waypoint]) -> usize {
+    old.iter().zip(new).take_while(|(old, new)| old == new).count()
+}
+
+/// Where an aircraft goes over to a new path: at the waypoint `ahead`, to which it flies anyhow, where nothing up to there has changed; else where it is
+/// nearest to the new path, which begins at the pose that it has reported. The path is looked at from waypoint `from` on.
+pub fn join(waypoints: &[Waypoint], changed: usize, ahead: Option<usize>, position_m: &Point3<f64>, from: usize) -> Join {
+    let points: Vec<Point3<f64>> = waypoints.iter().map(|waypoint| waypoint.position_m).collect();
+    let off_m = |leg: usize| away(position_m, &points[leg], &points[leg + 1]).norm();
+    if let Some(waypoint) = ahead.filter(|&ahead| ahead < changed && ahead < points.len()) {
+        return Join { waypoint, off_m: if waypoint > 0 { off_m(waypoint - 1) } else { 0.0 } };
+    }
+    let mut best = Join { waypoint: points.len().saturating_sub(1), off_m: f64::INFINITY };
+    let mut way_m = 0.0;
+    for leg in from.min(points.len().saturating_sub(2))..points.len().saturating_sub(1) {
+        let off_m = off_m(leg);
+        if off_m < best.off_m - NEARER_M {
+            best = Join { waypoint: leg + 1, off_m };
+        }
+        way_m += (points[leg + 1] - points[leg]).norm();
+        if way_m > JOINED_WITHIN_M {
+            break;
+        }
+    }
+    // One that has not come to where the path begins flies there first: straight on to the next waypoint it would cut a corner.
+    let is_before = best.waypoint == 1 && from == 0 && (points[0] - position_m).dot(&(points[1] - points[0])) > 0.0;
+    if is_before && best.off_m > BEFORE_M { Join { waypoint: 0, ..best } } else { best }
+}
+
+/// The way from the nearest point between `a` and `b` to `p`.
+fn away(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Vector3<f64> {
+    let along = b - a;
+    let share = if along.norm_squared() > 0.0 { ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0) } else { 0.0 };
+    p - (a + along * share)
+}
+
+fn is_flown_to(item: &MavItem) -> bool {
+    matches!(item.command, mav_items::WAYPOINT | mav_items::TAKEOFF | mav_items::RETURN_TO_LAUNCH)
+}
+
+/// The items with everything that is set before each stop of a range set right there, if it is not anyhow.
+fn set_anew(items: &[MavItem], range: std::ops::Range<usize>) -> Vec<MavItem> {
+    let mut set: BTreeMap<u16, MavItem> = BTreeMap::new();
+    let mut all: Vec<MavItem> = Vec::with_capacity(items.len() + 5 * range.len());
+    let mut group: Vec<MavItem> = Vec::new();
+    // The first waypoint of the items is the way out.
+    let mut stops = 0usize;
+    for item in items {
+        if !is_flown_to(item) {
+            group.push(*item);
+            continue;
+        }
+        if item.command == mav_items::WAYPOINT {
+            if stops > 0 && range.contains(&(stops - 1)) {
+                let missing = set.values().filter(|set| group.iter().all(|item| item.command != set.command));
+                all.extend(missing);
+            }
+            stops += 1;
+        }
+        set.extend(group.iter().map(|item| (item.command, *item)));
+        all.append(&mut group);
+        all.push(*item);
+    }
+    all.append(&mut group);
+    all
+}
+
+/// The items of each waypoint of a sortie, in a list whose first `before` items are none of it.
+fn stop_items(items: &[MavItem], waypoints: &[usize], before: usize) -> Vec<StopItem> {
+    let mut begins = before;
+    let mut places: Vec<[usize; 2]> = Vec::new();
+    for (index, item) in items.iter().enumerate().skip(before).filter(|(_, item)| is_flown_to(item)) {
+        if item.command == mav_items::WAYPOINT {
+            places.push([begins, index]);
+        }
+        begins = index + 1;
+    }
+    // The first one is the way out, and those behind the stops lead home.
+    let of_stops = places.into_iter().skip(1);
+    of_stops.zip(waypoints).map(|([begins, item], &waypoint)| StopItem { waypoint, item, begins }).collect()
+}
+
+fn home_item(course: &Course) -> MavItem {
+    let place = course.home.geodetic;
+    MavItem {
+        command: mav_items::WAYPOINT,
+        frame: mav_items::FRAME_ABSOLUTE,
+        params: [0.0; 4],
+        lat_deg: place.lat_deg,
+        lon_deg: place.lon_deg,
+        alt_m: place.alt_m,
+    }
+}
+
+/// An item as it is sent.
+fn wire(item: &MavItem, is_current: bool) -> Result<MISSION_ITEM_INT_DATA, MissionError> {
+    let command = match item.command {
+        mav_items::WAYPOINT => MavCmd::MAV_CMD_NAV_WAYPOINT,
+        mav_items::RETURN_TO_LAUNCH => MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        mav_items::TAKEOFF => MavCmd::MAV_CMD_NAV_TAKEOFF,
+        mav_items::CONDITION_YAW => MavCmd::MAV_CMD_CONDITION_YAW,
+        mav_items::CHANGE_SPEED => MavCmd::MAV_CMD_DO_CHANGE_SPEED,
+        mav_items::MOUNT_CONTROL => MavCmd::MAV_CMD_DO_MOUNT_CONTROL,
+        mav_items::TRIGGER_DISTANCE => MavCmd::MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+        mav_items::GIMBAL_PITCHYAW => MavCmd::MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+        command => return Err(MissionError::Command { command }),
+    };
+    let (frame, scale) = match item.frame {
+        mav_items::FRAME_ABSOLUTE => (MavFrame::MAV_FRAME_GLOBAL, DEGREE),
+        mav_items::FRAME_RELATIVE => (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, DEGREE),
+        // Parameters that are no place go as they are.
+        _ => (MavFrame::MAV_FRAME_MISSION, 1.0),
+    };
+    let whole = |value: f64| if value.is_nan() { i32::MAX } else { (value * scale).round() as i32 };
+    let [param1, param2, param3, param4] = item.params.map(|param| param as f32);
+    Ok(MISSION_ITEM_INT_DATA {
+        param1,
+        param2,
+        param3,
+        param4,
+        x: whole(item.lat_deg),
+        y: whole(item.lon_deg),
+        z: item.alt_m as f32,
+        command,
+        frame,
+        current: u8::from(is_current),
+        autocontinue: 1,
+        ..MISSION_ITEM_INT_DATA::DEFAULT
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mission::fixture;
+
+    fn new(rig: &str) -> NewPlan {
+        let corners: Vec<[f64; 3]> =
+            (0..30).map(|k| [40.0 * f64::from(k % 6), 40.0 * f64::from(k / 6), 30.0 + f64::from(k)]).collect();
+        NewPlan { epoch: 7, plan: Arc::new(fixture::plan(rig, &corners)), differs_from: None }
+    }
+
+    fn mission(rig: &str, autopilot: Autopilot, joined: Option<usize>) -> Mission {
+        let options = CourseOptions { sortie_s: Some(3000.0), ..CourseOptions::default() };
+        Mission::new(&new(rig), &options, 1, autopilot, joined).unwrap()
+    }
+
+    #[test]
+    fn every_waypoint_of_the_plan_has_its_item_at_its_place() {
+        for (rig, autopilot, joined) in [
+            ("phantom4-rtk", Autopilot::Px4, None),
+            ("phantom4-rtk", Autopilot::ArduPilot, Some(5)),
+            ("m300-oblique", Autopilot::ArduPilot, None),
+            ("panoramic", Autopilot::Px4, Some(12)),
+        ] {
+            let mission = mission(rig, autopilot, joined);
+            assert_eq!(mission.stops.len(), mission.plan.waypoints.len());
+            for stop in &mission.stops {
+                let item = &mission.items[stop.item];
+                let place = mission.frame.geodetic_from_local(&mission.plan.waypoints[stop.waypoint].position_m).unwrap();
+                assert_eq!([item.x, item.y], [place.lat_deg, place.lon_deg].map(|deg| (deg * 1e7).round() as i32));
+                assert_eq!(item.command, MavCmd::MAV_CMD_NAV_WAYPOINT);
+                assert_eq!(mission.waypoint_ahead(stop.begins), Some(stop.waypoint));
+                assert_eq!(mission.waypoint_ahead(stop.item), Some(stop.waypoint));
+                assert_eq!(mission.stop_from(stop.waypoint), Some(*stop));
+                let between = &mission.items[stop.begins..stop.item];
+                assert!(between.iter().all(|item| item.command != MavCmd::MAV_CMD_NAV_WAYPOINT), "{rig}: {stop:?}");
+            }
+            assert_eq!(mission.waypoint_ahead(mission.last_item() + 1), None);
+            let is_home_first = mission.items[0].command == MavCmd::MAV_CMD_NAV_WAYPOINT;
+            assert_eq!(is_home_first, autopilot == Autopilot::ArduPilot, "ArduPilot's item 0 is its home");
+        }
+    }
+
+    /// What is in force on the way to a stop when the items from `from` on are carried out.
+    fn in_force(mission: &Mission, from: usize, stop: usize) -> BTreeMap<u32, String> {
+        let items = &mission.items[from..mission.stops[stop].item];
+        let settings = items.iter().filter(|item| item.frame == MavFrame::MAV_FRAME_MISSION);
+        settings.map(|item| (item.command as u32, format!("{:?}", [item.param1, item.param2, item.x as f32, item.z]))).collect()
+    }
+
+    #[test]
+    fn an_aircraft_that_joins_in_flight_has_all_settings_of_one_that_has_flown_from_the_start() {
+        for (rig, autopilot) in
+            [("phantom4-rtk", Autopilot::Px4), ("phantom4-rtk", Autopilot::ArduPilot), ("panoramic", Autopilot::Px4)]
+        {
+            let whole = mission(rig, autopilot, None);
+            let joined = mission(rig, autopilot, Some(9));
+            assert!(joined.items.len() > whole.items.len(), "the settings are repeated");
+            for stop in 9..9 + SET_ANEW {
+                let from = joined.stops[stop].begins;
+                assert_eq!(in_force(&joined, from, stop), in_force(&whole, 0, stop), "{rig}, stop {stop}");
+            }
+            assert_eq!(joined.items.iter().position(|item| item.current == 1), Some(joined.stops[9].begins));
+        }
+    }
+
+    fn line(points: &[[f64; 3]]) -> Vec<Waypoint> {
+        points.iter().map(|&at| Waypoint { position_m: at.into(), direction: None, deviation_m: 1.0 }).collect()
+    }
+
+    #[test]
+    fn what_has_not_changed_is_flown_on_and_a_new_path_is_joined_where_it_is_nearest() {
+        let old = line(&[[0.0; 3], [10.0, 0.0, 0.0], [20.0, 0.0, 0.0], [30.0, 0.0, 0.0], [40.0, 0.0, 0.0]]);
+        let mut new = old.clone();
+        new[3].position_m.y = 8.0;
+        assert_eq!(first_changed(&old, &new), 3);
+        let here = Point3::new(13.0, 1.0, 0.0);
+        assert_eq!(join(&new, 3, Some(2), &here, 0), Join { waypoint: 2, off_m: 1.0 });
+        // On the way to what has changed: no longer along the old leg, but to where the new one leads.
+        let there = Point3::new(25.0, 0.0, 0.0);
+        let joined = join(&new, 3, Some(3), &there, 0);
+        assert!(joined.waypoint == 3 && (joined.off_m - 3.12).abs() < 0.1, "{joined:?}");
+        // A path from the pose begins with the leg behind it.
+        let from_pose = line(&[[13.0, 0.0, 0.0], [18.0, 0.0, 0.0], [18.0, 50.0, 0.0], [13.0, 50.0, 0.0], [13.0, 2.0, 0.0]]);
+        assert_eq!(join(&from_pose, 0, Some(2), &Point3::new(14.0, 0.3, 0.0), 0).waypoint, 1);
+        assert_eq!(join(&from_pose, 0, Some(2), &Point3::new(18.5, 9.0, 0.0), 0).waypoint, 2);
+        // It has not come to the pose yet that it was said to be at by now.
+        assert_eq!(join(&from_pose, 0, Some(2), &Point3::new(9.0, 1.0, 0.0), 0).waypoint, 0);
+    }
+
+    #[test]
+    fn a_sortie_that_there_is_not_is_refused() {
+        let refused = Mission::new(&new("panoramic"), &CourseOptions::default(), 99, Autopilot::Px4, None).unwrap_err();
+        assert!(matches!(refused, MissionError::NoSortie { wanted: 99, .. }), "{refused}");
+    }
+}

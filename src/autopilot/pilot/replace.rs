@@ -1,0 +1,264 @@
+//! How a plan becomes the mission that is flown, in flight as well.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::{AIRBORNE_MM, ATTEMPTS, MOST_LEAD, PAUSE, PLANNING, POSITION_WAIT, Pilot, Vehicle, Work};
+use crate::autopilot::command::{Command, Order, SetCurrent};
+use crate::autopilot::follow::{self, Fix, Progress};
+use crate::autopilot::mission::{self, Join, Mission, MissionError, NewPlan};
+use crate::autopilot::notice::{End, Notice};
+use crate::autopilot::upload::Upload;
+use crate::mission::course::{CourseOptions, HomeChoice};
+
+/// An aircraft that is in the air without a mission of ours joins the plan where it is no farther from it than this, m.
+const NEAR_M: f64 = 30.0;
+
+impl Pilot {
+    /// Takes a plan to be flown from the next safe waypoint on. One that is on its way up gives way to it.
+    pub fn fly(&mut self, new: NewPlan) {
+        let flown = self.progress.as_ref().map(|progress| &progress.mission);
+        if flown.is_some_and(|flown| is_same(flown.epoch, &flown.plan, &new)) && matches!(self.work, Work::Idle) {
+            return;
+        }
+        if let Work::Uploading { upload, mission, .. } = &self.work {
+            if is_same(mission.epoch, &mission.plan, &new) {
+                return;
+            }
+            self.notices.push(Notice::Superseded { epoch: mission.epoch, asked: upload.asked() });
+            self.clears = true;
+            self.work = Work::Idle;
+        }
+        self.wanted = Some(new);
+        self.attempt = 0;
+    }
+
+    /// There is no flight in the scene any more: the aircraft is not to go on.
+    pub fn hold(&mut self) {
+        self.wanted = None;
+        if let Work::Uploading { upload, .. } = &self.work {
+            self.out.push(upload.cancel());
+            self.work = Work::Idle;
+        }
+        if self.options.holds && self.progress.as_ref().is_some_and(Progress::is_under_way) && !self.is_held {
+            self.is_held = true;
+            self.orders.push_back(Order::Hold);
+        }
+    }
+
+    /// Goes on with whatever has come to its end.
+    pub(super) fn advance(&mut self, now: Duration) {
+        let Some(vehicle) = self.vehicle.filter(|vehicle| !vehicle.is_lost) else { return };
+        if self.outcome.is_some() {
+            return;
+        }
+        match &self.work {
+            Work::Uploading { upload, .. } => {
+                if let Some(outcome) = upload.outcome().cloned() {
+                    let Work::Uploading { mission, began, .. } = std::mem::replace(&mut self.work, Work::Idle) else { return };
+                    match outcome {
+                        Ok(()) => self.on_uploaded(mission, vehicle, began, now),
+                        Err(error) => self.on_failed(&mission, error.may_pass(), error.into(), now),
+                    }
+                }
+            }
+            Work::Setting { set, .. } => {
+                if let Some(outcome) = set.outcome.clone() {
+                    let Work::Setting { mission, join, item, .. } = std::mem::replace(&mut self.work, Work::Idle) else { return };
+                    match outcome {
+                        Ok(()) => self.on_set(mission, join, item),
+                        Err(error) => self.on_failed(&mission, true, error.into(), now),
+                    }
+                }
+            }
+            Work::Idle => self.begin(vehicle, now),
+        }
+        self.give_orders(vehicle, now);
+        if self.progress.as_ref().is_some_and(Progress::is_flown) {
+            self.end(Ok(End::Flown));
+        }
+    }
+
+    /// Begins to upload the plan that is wanted.
+    fn begin(&mut self, vehicle: Vehicle, now: Duration) {
+        let Some(new) = self.wanted.clone().filter(|_| now >= self.not_before) else { return };
+        // Where the aircraft stands is where it takes off: worth to be waited for.
+        let knows_home = self.progress.is_some() || self.options.course.home.is_some() || self.place().is_some();
+        if !knows_home && now < vehicle.found + POSITION_WAIT {
+            return;
+        }
+        let mission = match self.mission(&new, vehicle) {
+            Ok(mission) => Arc::new(mission),
+            Err(error) => return self.on_unfit(&new, error),
+        };
+        self.attempt += 1;
+        match Upload::begin(&mission.items, self.us(), vehicle.address, std::mem::take(&mut self.clears), now) {
+            Ok((upload, first)) => {
+                if self.attempt == 1 && self.progress.is_none() {
+                    self.notices.extend(mission.notes.iter().cloned().map(Notice::Note));
+                }
+                self.notices.push(Notice::Uploading { epoch: new.epoch, items: mission.items.len(), attempt: self.attempt });
+                self.out.extend(first);
+                self.work = Work::Uploading { upload: Box::new(upload), mission, began: now };
+            }
+            Err(error) => self.on_failed(&mission, false, error.into(), now),
+        }
+    }
+
+    /// The mission of a plan for an aircraft that is where ours is.
+    fn mission(&self, new: &NewPlan, vehicle: Vehicle) -> Result<Mission, MissionError> {
+        let flown = self.progress.as_ref();
+        let home = flown.map(|progress| progress.mission.home).or(self.options.course.home).or_else(|| self.place());
+        let options = CourseOptions { home, ..self.options.course.clone() };
+        // A path from the pose of an aircraft in the air is the rest of a sortie.
+        let is_under_way = flown.is_some_and(Progress::is_under_way);
+        let sortie = if is_under_way { 1 } else { self.options.sortie };
+        let plain = Mission::new(new, &options, sortie, vehicle.autopilot, None)?;
+        match self.join(&plain, new, 0) {
+            Some(join) => Mission::new(new, &options, sortie, vehicle.autopilot, Some(join.waypoint)),
+            None => Ok(plain),
+        }
+    }
+
+    /// Where an aircraft that is under way goes over to a mission, looked for from a waypoint of it on.
+    fn join(&self, mission: &Mission, new: &NewPlan, from: usize) -> Option<Join> {
+        let (position, _) = self.position.as_ref()?;
+        let position_m = follow::local(mission, position.lat, position.lon, position.relative_alt)?;
+        let waypoints = &new.plan.waypoints;
+        match &self.progress {
+            Some(progress) if progress.is_under_way() => {
+                let flown = &progress.mission;
+                let changed = match new.differs_from {
+                    Some((epoch, changed)) if epoch == flown.epoch => changed,
+                    _ => mission::first_changed(&flown.plan.waypoints, waypoints),
+                };
+                Some(mission::join(waypoints, changed, progress.ahead(), &position_m, from))
+            }
+            Some(_) => None,
+            // This program was started when the aircraft was in the air already.
+            None => {
+                let join = mission::join(waypoints, 0, None, &position_m, from);
+                Some(join).filter(|join| self.is_airborne() && join.off_m <= NEAR_M)
+            }
+        }
+    }
+
+    /// The autopilot has a mission: an aircraft in the air is told where to go on with it, as it may have come farther meanwhile.
+    fn on_uploaded(&mut self, mission: Arc<Mission>, vehicle: Vehicle, began: Duration, now: Duration) {
+        let (epoch, items) = (mission.epoch, mission.items.len());
+        let (sortie, sorties, took) = (mission.sortie, mission.sorties, now - began);
+        self.lead = (PLANNING + took).min(MOST_LEAD);
+        self.notices.push(Notice::Uploaded { epoch, items, took, sortie, sorties });
+        let begun = mission.items.iter().position(|item| item.current == 1).unwrap_or(0);
+        let from = mission.waypoint_ahead(begun).map_or(0, |waypoint| waypoint.saturating_sub(1));
+        let new = self.wanted.clone().filter(|wanted| is_same(epoch, &mission.plan, wanted));
+        let join = new.and_then(|new| self.join(&mission, &new, from));
+        let target = match join.and_then(|join| mission.stop_from(join.waypoint)) {
+            Some(stop) => {
+                let next = mission.stops.iter().find(|next| next.item > stop.item);
+                Some((stop.begins, next.map_or(stop.item + 1, |next| next.item)))
+            }
+            // On its way to the beginning of the plan: the way out, not another take-off.
+            None if self.is_airborne() => mission.stops.first().map(|stop| (stop.begins.saturating_sub(1), stop.item)),
+            None => None,
+        };
+        match target {
+            Some((item, latest)) => {
+                let (set, first) = SetCurrent::begin(item as u16, latest as u16, vehicle.address, now);
+                self.out.push(first);
+                self.work = Work::Setting { set, mission, join, item };
+            }
+            None => self.on_set(mission, None, 0),
+        }
+    }
+
+    /// The mission is the one that is flown from now on.
+    fn on_set(&mut self, mission: Arc<Mission>, join: Option<Join>, item: usize) {
+        let epoch = mission.epoch;
+        if let Some(Join { waypoint, off_m }) = join {
+            self.notices.push(Notice::Joined { epoch, waypoint, item, off_m });
+        }
+        if self.wanted.as_ref().is_some_and(|wanted| is_same(epoch, &mission.plan, wanted)) {
+            self.wanted = None;
+        }
+        self.attempt = 0;
+        let is_first = self.progress.is_none();
+        let before = self.progress.take();
+        let fix: Option<Fix> = before.as_ref().and_then(|before| before.fix);
+        let is_fed = before.is_some_and(|before| before.is_fed);
+        self.progress = Some(Progress::new(mission, join.map(|join| join.waypoint), fix, is_fed));
+        if is_first && self.options.starts {
+            self.orders.extend([Order::Arm, Order::Mission]);
+        } else if std::mem::take(&mut self.is_held) {
+            self.orders.push_back(Order::Mission);
+        }
+    }
+
+    /// An upload has failed: it is tried again if it may pass. Else an aircraft in the air flies on along the plan before.
+    fn on_failed(&mut self, mission: &Mission, may_pass: bool, error: super::PilotError, now: Duration) {
+        let epoch = mission.epoch;
+        self.clears = true;
+        if may_pass && self.attempt < ATTEMPTS {
+            self.not_before = now + PAUSE;
+            return self.notices.push(Notice::Again { epoch, why: error.to_string() });
+        }
+        self.wanted = None;
+        match &self.progress {
+            Some(progress) if progress.is_under_way() => self.notices.push(Notice::Kept { epoch, why: error.to_string() }),
+            _ => self.end(Err(error)),
+        }
+    }
+
+    /// A plan that does not become a mission.
+    fn on_unfit(&mut self, new: &NewPlan, error: MissionError) {
+        self.wanted = None;
+        match &self.progress {
+            Some(_) => self.notices.push(Notice::Kept { epoch: new.epoch, why: error.to_string() }),
+            None => self.end(Err(error.into())),
+        }
+    }
+
+    fn give_orders(&mut self, vehicle: Vehicle, now: Duration) {
+        if let Some(outcome) = self.command.as_ref().and_then(|command| command.outcome.clone()) {
+            let order = self.command.take().map(|command| command.order);
+            match outcome {
+                Ok(()) => self.notices.extend(order.map(Notice::Obeyed)),
+                Err(error) => {
+                    self.orders.clear();
+                    let is_start = self.progress.as_ref().is_some_and(|progress| !progress.is_under_way());
+                    if is_start {
+                        return self.end(Err(error.into()));
+                    }
+                    self.notices.push(Notice::Disobeyed(error));
+                }
+            }
+        }
+        if self.command.is_none()
+            && let Some(order) = self.orders.pop_front()
+        {
+            let (command, first) = Command::begin(order, vehicle.address, vehicle.autopilot, now);
+            self.out.push(first);
+            self.command = Some(command);
+        }
+        let is_done = self.command.is_none() && self.orders.is_empty() && matches!(self.work, Work::Idle);
+        if !self.options.follows && is_done && self.progress.is_some() && self.wanted.is_none() {
+            self.end(Ok(End::Uploaded));
+        }
+    }
+
+    fn is_airborne(&self) -> bool {
+        let is_up = self.position.as_ref().is_some_and(|(position, _)| position.relative_alt > AIRBORNE_MM);
+        is_up && self.vehicle.is_some_and(|vehicle| vehicle.is_armed)
+    }
+
+    /// Where an aircraft stands that has not taken off.
+    fn place(&self) -> Option<HomeChoice> {
+        let (position, _) = self.position.as_ref().filter(|(position, _)| [position.lat, position.lon] != [0, 0])?;
+        let degrees = |value: i32| f64::from(value) * 1e-7;
+        (!self.is_airborne()).then(|| HomeChoice { lat_deg: degrees(position.lat), lon_deg: degrees(position.lon), alt_m: None })
+    }
+}
+
+fn is_same(epoch: u64, plan: &Arc<crate::trajectory::plan::Plan>, new: &NewPlan) -> bool {
+    epoch == new.epoch && (Arc::ptr_eq(plan, &new.plan) || (epoch != 0 && plan.waypoints == new.plan.waypoints))
+}

@@ -1,0 +1,133 @@
+//! `overfly fly`.
+
+use std::str::FromStr;
+
+use clap::{Args, ValueEnum};
+
+use super::Reach;
+use crate::autopilot::link::Place;
+use crate::cli::values::{self, Meters3};
+use crate::mission::course::HomeChoice;
+use crate::mission::mav_items::Autopilot;
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "PLAN is the name of a scene that the daemon has loaded and planned, or a plan.json. The plan goes up as a mission: take-off, the way to its first \
+    waypoint, the waypoints with speed, camera trigger and gimbal, and the way home. Nothing is armed or started without --start. With a loaded scene the \
+    daemon is told how far the flight has come, and each newer plan takes the place of the mission in flight: from the next waypoint on that has not \
+    changed, or where the aircraft is nearest to a path that begins at its pose. Where a change of the scene leaves no flight, the aircraft is told to hold.\n\n\
+    Ctrl-C ends this program; the autopilot flies on by itself. Heights count from the take-off place, which is where the aircraft stands unless --home \
+    says otherwise. Nothing is known of structures on the ways out and home: they are flown above all waypoints.\n\n\
+    With --json each line is an object with the key `event`: found, note, uploading, uploaded, joined, superseded, again, kept, progress, link_lost, link_back, \
+    obeyed, disobeyed, mode, said, infeasible, daemon_lost, daemon_back, daemon_refused, and at the end uploaded_only, flown, landed or stopped.\n\nExamples:\n  \
+    overfly fly town --link udpin:0.0.0.0:14540\n  \
+    overfly fly flights/town/plan.json --link serial:/dev/ttyACM0:57600 --upload-only\n  \
+    overfly fly town --link tcp:127.0.0.1:5760 --autopilot ardupilot --home 51.912,4.467 --start\n  \
+    overfly fly flights/town/plan.json --dry-run --autopilot px4"
+)]
+pub struct FlyArgs {
+    /// Name of a loaded scene, or a plan.json
+    #[arg(value_name = "NAME|PLAN.json")]
+    pub plan: String,
+    /// Where the autopilot is: udp:HOST:PORT (speak first), udpin:HOST:PORT (listen), tcp:HOST:PORT or serial:DEVICE:BAUD
+    #[arg(long, value_name = "LINK", required_unless_present = "dry_run")]
+    pub link: Option<Place>,
+    /// System id of the aircraft, 1 to 255 [default: that of the first autopilot that is heard]
+    #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..))]
+    pub system: Option<u8>,
+    /// Kind of the autopilot [default: as its heartbeat says; with --dry-run px4]
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub autopilot: Option<AutopilotChoice>,
+    /// Print the mission's items, and do not touch a link
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Arm the aircraft after the upload and let it fly: it takes off
+    #[arg(long)]
+    pub start: bool,
+    /// End when the mission is up
+    #[arg(long)]
+    pub upload_only: bool,
+    /// Do not let the aircraft hold when a change of the scene leaves no flight; it is only said
+    #[arg(long)]
+    pub no_hold: bool,
+    /// Take-off place: latitude and longitude, degrees, and the height of its ground in the scene's vertical reference, m [default: where the aircraft stands, at
+    /// the height of the scene's ground]
+    #[arg(long, value_name = "LAT,LON[,ALT]", allow_hyphen_values = true)]
+    pub home: Option<HomeArg>,
+    /// Which sortie of a plan that takes more than one battery, from 1
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::count)]
+    pub sortie: u32,
+    /// Longest sortie from take-off to landing, s [default: what the rig's battery gives]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = values::seconds)]
+    pub sortie_time: Option<f64>,
+    /// Share of a battery that is left after a sortie, percent
+    #[arg(long, value_name = "PERCENT", default_value_t = 25.0, allow_negative_numbers = true, value_parser = values::percent)]
+    pub reserve: f64,
+    /// For a loaded scene: the flight has to end so many seconds after the aircraft was armed; newer plans are made for what is left
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = values::seconds)]
+    pub air_time: Option<f64>,
+    /// For a loaded scene: where newer plans have to end, metres east, north, up in the scene's local frame
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub landing: Option<Meters3>,
+    /// How long to wait for the first heartbeat, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 30.0, allow_negative_numbers = true, value_parser = values::seconds)]
+    pub wait: f64,
+    /// How long to wait for the link when it was lost, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 600.0, allow_negative_numbers = true, value_parser = values::seconds)]
+    pub lost: f64,
+    #[command(flatten)]
+    pub reach: Reach,
+}
+
+/// Kinds of autopilots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum AutopilotChoice {
+    Px4,
+    Ardupilot,
+}
+
+impl From<AutopilotChoice> for Autopilot {
+    fn from(choice: AutopilotChoice) -> Self {
+        match choice {
+            AutopilotChoice::Px4 => Self::Px4,
+            AutopilotChoice::Ardupilot => Self::ArduPilot,
+        }
+    }
+}
+
+/// A take-off place as it is typed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HomeArg(pub HomeChoice);
+
+impl FromStr for HomeArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse::<f64>()).collect();
+        let is_place = |lat: f64, lon: f64| lat.abs() <= 90.0 && lon.abs() <= 180.0;
+        match numbers.as_deref() {
+            Ok(&[lat_deg, lon_deg]) if is_place(lat_deg, lon_deg) => Ok(Self(HomeChoice { lat_deg, lon_deg, alt_m: None })),
+            Ok(&[lat_deg, lon_deg, alt_m]) if is_place(lat_deg, lon_deg) && alt_m.abs() <= 10_000.0 => {
+                Ok(Self(HomeChoice { lat_deg, lon_deg, alt_m: Some(alt_m) }))
+            }
+            _ => Err(format!(
+                "{text:?} is no place; give latitude and longitude in degrees, such as 51.912,4.467, or with a height in metres"
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_take_off_place_is_two_or_three_numbers() {
+        let HomeArg(place) = "51.9,-4.5".parse().unwrap();
+        assert_eq!((place.lat_deg, place.lon_deg, place.alt_m), (51.9, -4.5, None));
+        assert_eq!("51.9,4.5,-3".parse::<HomeArg>().unwrap().0.alt_m, Some(-3.0));
+        for wrong in ["", "51.9", "91,0", "0,181", "nan,4", "1,2,3,4", "1,2,1e9", "a,b"] {
+            assert!(wrong.parse::<HomeArg>().is_err(), "{wrong}");
+        }
+    }
+}

@@ -2,7 +2,7 @@
 reads is compared with what `overfly fly --dry-run` says, item by item.
 
     python3 -m venv target/readback
-    target/readback/bin/pip install pymavlink mavsdk
+    target/readback/bin/pip install -r tests/readback/requirements.txt
     target/readback/bin/python tests/readback/fly.py target/release/overfly
 
 Prints what was compared, and ends with 1 when something differs or a client is missing.

@@ -1,14 +1,11 @@
 //! `overfly fly`.
 
-use std::str::FromStr;
-
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use super::Reach;
+use super::export::{AutopilotChoice, HomeText};
 use crate::autopilot::link::Place;
 use crate::cli::values::{self, Meters3};
-use crate::mission::course::HomeChoice;
-use crate::mission::mav_items::Autopilot;
 
 #[derive(Debug, Args)]
 #[command(
@@ -53,7 +50,7 @@ pub struct FlyArgs {
     /// Take-off place: latitude and longitude, degrees, and the height of its ground in the scene's vertical reference, m [default: where the aircraft stands, at
     /// the height of the scene's ground]
     #[arg(long, value_name = "LAT,LON[,ALT]", allow_hyphen_values = true)]
-    pub home: Option<HomeArg>,
+    pub home: Option<HomeText>,
     /// Which sortie of a plan that takes more than one battery, from 1
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::count)]
     pub sortie: u32,
@@ -77,57 +74,4 @@ pub struct FlyArgs {
     pub lost: f64,
     #[command(flatten)]
     pub reach: Reach,
-}
-
-/// Kinds of autopilots.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum AutopilotChoice {
-    Px4,
-    Ardupilot,
-}
-
-impl From<AutopilotChoice> for Autopilot {
-    fn from(choice: AutopilotChoice) -> Self {
-        match choice {
-            AutopilotChoice::Px4 => Self::Px4,
-            AutopilotChoice::Ardupilot => Self::ArduPilot,
-        }
-    }
-}
-
-/// A take-off place as it is typed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HomeArg(pub HomeChoice);
-
-impl FromStr for HomeArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse::<f64>()).collect();
-        let is_place = |lat: f64, lon: f64| lat.abs() <= 90.0 && lon.abs() <= 180.0;
-        match numbers.as_deref() {
-            Ok(&[lat_deg, lon_deg]) if is_place(lat_deg, lon_deg) => Ok(Self(HomeChoice { lat_deg, lon_deg, alt_m: None })),
-            Ok(&[lat_deg, lon_deg, alt_m]) if is_place(lat_deg, lon_deg) && alt_m.abs() <= 10_000.0 => {
-                Ok(Self(HomeChoice { lat_deg, lon_deg, alt_m: Some(alt_m) }))
-            }
-            _ => Err(format!(
-                "{text:?} is no place; give latitude and longitude in degrees, such as 51.912,4.467, or with a height in metres"
-            )),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_take_off_place_is_two_or_three_numbers() {
-        let HomeArg(place) = "51.9,-4.5".parse().unwrap();
-        assert_eq!((place.lat_deg, place.lon_deg, place.alt_m), (51.9, -4.5, None));
-        assert_eq!("51.9,4.5,-3".parse::<HomeArg>().unwrap().0.alt_m, Some(-3.0));
-        for wrong in ["", "51.9", "91,0", "0,181", "nan,4", "1,2,3,4", "1,2,1e9", "a,b"] {
-            assert!(wrong.parse::<HomeArg>().is_err(), "{wrong}");
-        }
-    }
 }

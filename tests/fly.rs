@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use autopilot::Manner;
-use autopilot::aircraft::Aircraft;
+use autopilot::aircraft::{Aircraft, SPEED_MPS};
 use nalgebra::{Point3, distance};
 use overfly::autopilot::dialect::{MISSION_ITEM_INT_DATA, MavCmd, MavMissionResult};
 use overfly::mission::plan_table;
@@ -48,7 +48,7 @@ impl Fly {
 
     /// The next line that `is_meant`; those before it are passed over.
     fn next(&mut self, what: &str, is_meant: impl Fn(&Value) -> bool) -> Value {
-        let end = Instant::now() + PATIENCE;
+        let end = Instant::now() + 3 * PATIENCE;
         loop {
             let left = end.saturating_duration_since(Instant::now());
             let Ok(line) = self.lines.recv_timeout(left) else { panic!("no {what}; before: {:#?}", self.seen) };
@@ -158,7 +158,7 @@ fn a_flight_is_followed_and_goes_over_to_the_plan_after_an_edit_without_a_pause(
     let joined = fly.event("joined");
     assert!(joined["epoch"].as_u64() > first["epoch"].as_u64(), "{joined}");
     // No farther than it flies in the time that planning and upload have taken more or less than was reckoned with.
-    let most_m = 12.0 * (edit_s.elapsed().as_secs_f64() + 2.0);
+    let most_m = SPEED_MPS * (edit_s.elapsed().as_secs_f64() + 2.0);
     assert!(joined["off_path_m"].as_f64().unwrap() < most_m, "{joined}, {most_m}");
     println!("joined {} m off the path, {:.1} s after the edit", joined["off_path_m"], edit_s.elapsed().as_secs_f64());
     client.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();

@@ -18,7 +18,7 @@ use super::{AIRCRAFT, Manner, Model};
 /// Metres of a degree of latitude, near enough for a small block.
 const DEGREE_M: f64 = 111_195.0;
 /// Speed in flight, m/s: tests do not wait for a drone of usual speed.
-const SPEED_MPS: f64 = 12.0;
+pub const SPEED_MPS: f64 = 20.0;
 const STEP: Duration = Duration::from_millis(20);
 
 /// What a test can look at and change.

@@ -61,6 +61,8 @@ pub struct Model {
     pub received: usize,
     pub current: usize,
     receiving: Option<Receiving>,
+    /// Whose mission came to its end last, if nothing was begun since.
+    done: Option<Address>,
 }
 
 impl Model {
@@ -114,13 +116,17 @@ impl Model {
         if count > self.manner.capacity {
             return vec![ack(from, MavMissionResult::MAV_MISSION_NO_SPACE)];
         }
+        self.done = None;
         self.receiving = Some(Receiving { from, count, items: Vec::new(), deadline: now, reasks: 0 });
         self.ask(now)
     }
 
     fn on_item(&mut self, from: Address, item: &MISSION_ITEM_INT_DATA, now: Duration) -> Vec<MavMessage> {
         let Some(receiving) = self.receiving.as_mut().filter(|receiving| receiving.from == from) else {
-            return self.manner.on_stray.map(|result| ack(from, result)).into_iter().collect();
+            // Only what was received is confirmed once more.
+            let is_done = self.done == Some(from);
+            let result = self.manner.on_stray.filter(|result| is_done || *result != MavMissionResult::MAV_MISSION_ACCEPTED);
+            return result.map(|result| ack(from, result)).into_iter().collect();
         };
         let seq = usize::from(item.seq);
         if seq != receiving.items.len() {
@@ -143,6 +149,7 @@ impl Model {
         self.current = items.iter().position(|item| item.current == 1).unwrap_or(0);
         self.mission = items;
         self.received += 1;
+        self.done = Some(from);
         vec![ack(from, MavMissionResult::MAV_MISSION_ACCEPTED)]
     }
 

@@ -133,7 +133,8 @@ fn a_report_says_where_the_aircraft_will_be_when_a_new_plan_can_be_flown() {
         let report = progress.report(Duration::from_secs_f64(time_s), Duration::from_secs_f64(lead_s)).unwrap();
         let then = profile.at((time_s + lead_s).min(profile.duration_s())).unwrap();
         let off_m = (Point3::from(report.position_m) - then.position_m).norm();
-        assert!(off_m < 1.5, "{off_m} m off at {time_s} s");
+        // On an arc it is not known exactly how far along its leg it is.
+        assert!(off_m < 2.5, "{off_m} m off at {time_s} s");
         let passed = mission.plan.images.iter().filter(|image| image.time_s <= then.time_s).count();
         assert!((report.images_taken as usize).abs_diff(passed) <= 1, "{} of {passed} images at {time_s} s", report.images_taken);
     });

@@ -332,3 +332,22 @@ fn a_mission_without_items_or_with_too_many_is_none() {
         assert_eq!(refused, Some(UploadError::Length { count }));
     }
 }
+
+#[test]
+fn an_autopilot_that_is_busy_with_an_older_mission_is_told_to_give_it_up_and_gets_no_item_of_the_newer_one() {
+    let is_cancel = |messages: &[MavMessage]| {
+        let [MavMessage::MISSION_ACK(ack)] = messages else { return false };
+        ack.mavtype == MavMissionResult::MAV_MISSION_OPERATION_CANCELLED
+    };
+    let now = Duration::ZERO;
+    // It has not heard of the newer one, and asks for what was next.
+    for (seq, clears) in [(2, false), (2, true), (0, true)] {
+        let (mut upload, first) = begin(&mission(3, 1.0), clears, now);
+        assert_eq!(is_cancel(&first), clears);
+        assert!(is_cancel(&upload.hear(AIRCRAFT, &request(US, seq, false), now)), "item {seq}, {clears}");
+        // When it is quiet, it is told of the newer one.
+        let said = upload.tick(now + Duration::from_millis(250));
+        assert!(matches!(said[..], [MavMessage::MISSION_COUNT(_)]), "{said:?}");
+        assert_eq!(seqs(&upload.hear(AIRCRAFT, &request(US, 0, false), now)), [0]);
+    }
+}

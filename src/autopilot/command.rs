@@ -1,4 +1,4 @@
-//! Orders to an autopilot that it confirms: commands (https://mavlink.io/en/services/command.html), and the item that a mission goes on with.
+//! Orders to an autopilot that it confirms: commands (<https://mavlink.io/en/services/command.html>), and the item that a mission goes on with.
 
 use std::time::Duration;
 

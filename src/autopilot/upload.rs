@@ -1,4 +1,4 @@
-//! The upload of a mission, as the MAVLink mission protocol has it (https://mavlink.io/en/services/mission.html): its length is announced, the autopilot
+//! The upload of a mission, as the MAVLink mission protocol has it (<https://mavlink.io/en/services/mission.html>): its length is announced, the autopilot
 //! asks for one item after the other and confirms the last one.
 //!
 //! Answers are idempotent: an item that is asked for again is sent again. What the autopilot has asked for before it has heard of this mission never

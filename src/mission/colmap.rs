@@ -1,4 +1,4 @@
-//! COLMAP's text model (https://colmap.github.io/format.html) as a prior: cameras as pinholes, poses of the images in the plan's local frame, and no points.
+//! COLMAP's text model (<https://colmap.github.io/format.html>) as a prior: cameras as pinholes, poses of the images in the plan's local frame, and no points.
 
 use std::fmt::Write;
 

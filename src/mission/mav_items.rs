@@ -1,4 +1,4 @@
-//! A sortie as MAVLink mission items (https://mavlink.io/en/messages/common.html), for PX4 and for ArduPilot.
+//! A sortie as MAVLink mission items (<https://mavlink.io/en/messages/common.html>), for PX4 and for ArduPilot.
 //!
 //! Commands between two waypoints are carried out when the first one is reached, so that speed, camera trigger and gimbal are set before the waypoint that
 //! the leg leads to. An autopilot turns gimbal and nose at the beginning of a leg; the plan turns them evenly along it.

@@ -31,7 +31,7 @@ impl ReadOrder {
         }
         let numbers =
             [self.unit_m, self.lod, self.default_height_m].into_iter().flatten().chain(self.offset_m.into_iter().flatten());
-        match numbers.into_iter().find(|number| !(number.abs() <= 100.0 * MAX_COORDINATE_M)) {
+        match numbers.into_iter().find(|number| number.is_nan() || number.abs() > 100.0 * MAX_COORDINATE_M) {
             Some(number) => invalid(format!(
                 "{number} is no number that a file can be read by; give one of at most {:e}",
                 100.0 * MAX_COORDINATE_M

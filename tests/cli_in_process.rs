@@ -29,6 +29,8 @@ fn help_teaches_with_examples_units_and_exit_codes() {
         "generate",
         "degrade",
         "inspect",
+        "export",
+        "fly",
         "reproduce",
         "evaluate",
         "rigs",

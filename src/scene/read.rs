@@ -1,5 +1,6 @@
 //! From the bytes of a scene file to a scene, whatever the format.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 use geo::{Area, BooleanOps, CoordsIter};
@@ -172,7 +173,7 @@ fn read_format(
         return Err(ImportError::EmptyFile { file });
     };
     if is_tiff(bytes) {
-        return raster::read_tiff(file_name, bytes, ground, settings, anchor);
+        return guarded(file_name, || raster::read_tiff(file_name, bytes, ground, settings, anchor));
     }
     if let Some(ground) = ground {
         let what =
@@ -180,12 +181,12 @@ fn read_format(
         return Err(ImportError::Structure { file, what, remedy: "leave it out" });
     }
     if bytes.starts_with(b"LASF") {
-        return raster::read_cloud(file_name, bytes, settings, anchor);
+        return guarded(file_name, || raster::read_cloud(file_name, bytes, settings, anchor));
     }
     if matches!(first, b'{' | b'[') {
         return match json_kind(file_name, bytes)? {
             JsonKind::Sequence => cityjson::read_sequence(file_name, bytes, settings, anchor),
-            JsonKind::Gltf => guarded(gltf_file::read, file_name, bytes, settings, anchor),
+            JsonKind::Gltf => guarded(file_name, || gltf_file::read(file_name, bytes, settings, anchor)),
             JsonKind::Typed(kind) if kind == "CityJSON" => cityjson::read(file_name, bytes, settings, anchor),
             JsonKind::Typed(kind) if kind == "CityJSONFeature" => {
                 Err(ImportError::UnknownFormat { file, found: "a CityJSON sequence without its first line".into() })
@@ -202,7 +203,7 @@ fn read_format(
         () => None,
     };
     if let Some(reader) = reader {
-        return guarded(reader, file_name, bytes, settings, anchor);
+        return guarded(file_name, || reader(file_name, bytes, settings, anchor));
     }
     if let Some(found) = foreign_format(bytes) {
         return Err(ImportError::UnknownFormat { file, found: found.into() });
@@ -224,13 +225,10 @@ type Reader = fn(&str, &[u8], &ProxySettings, Option<&Anchor>) -> Result<(Scene,
 /// Reads by a decoder that is not ours. Some panic on damaged files: that of OpenStreetMap extracts on an unknown kind of member, that of glTF on an accessor
 /// that there is not.
 fn guarded(
-    reader: Reader,
     file_name: &str,
-    bytes: &[u8],
-    settings: &ProxySettings,
-    anchor: Option<&Anchor>,
+    read: impl FnOnce() -> Result<(Scene, ImportReport), ImportError>,
 ) -> Result<(Scene, ImportReport), ImportError> {
-    let read = std::panic::catch_unwind(|| reader(file_name, bytes, settings, anchor));
+    let read = catch_unwind(AssertUnwindSafe(read));
     read.unwrap_or_else(|_| Err(ImportError::Undecodable { file: file_name.into() }))
 }
 

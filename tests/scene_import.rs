@@ -195,7 +195,7 @@ fn heights_that_are_missing_can_be_left_out_or_be_one() {
 }
 
 #[test]
-fn a_coarser_level_of_detail_is_coarser() {
+fn a_file_of_one_level_of_detail_is_read_whatever_is_wanted() {
     let Some(bytes) = scene_file("delfshaven/delfshaven.city.json") else { return };
     let triangles = |lod: f64| {
         let (scene, _) = read("delfshaven.city.json", &bytes, &ProxySettings { lod, ..settings() }).unwrap();

@@ -17,7 +17,7 @@ use super::outputs::Folder;
 use super::progress::Meter;
 use super::{in_process, settings_file};
 use crate::planner::StopToken;
-use crate::reproduction::{self, Effort, Order, Part, Reproduction, Site, Watch, json as tables_json, markdown};
+use crate::reproduction::{self, Effort, Order, Part, Reproduction, Site, Table, Watch, json as tables_json, markdown};
 use crate::scene::Scene;
 use crate::settings::Settings;
 
@@ -33,14 +33,23 @@ pub fn run(arguments: &ReproduceArgs, form: Form) -> Result<Answer, Failure> {
     let mut meter = Meter::new(form);
     let stop = StopToken::default();
     let stopper = stop.clone();
-    let interrupts =
-        Interrupts::announced(form, "stopping: nothing is written; Ctrl-C again ends at once", move || stopper.abandon());
+    let interrupts = Interrupts::announced(
+        form,
+        "stopping: only rows of unfinished tables are kept (*.partial.json); Ctrl-C again ends at once",
+        move || stopper.abandon(),
+    );
     let is_terminal = form.shows_progress();
     let mut on_step = |step: &str| {
         // A terminal shows the step at work; a log keeps them all.
         if is_terminal { meter.stage(step) } else { form.remark(&format!("{:7.1} s  {step}", started.elapsed().as_secs_f64())) }
     };
-    let watch = Watch { stop: &stop, on_step: &mut on_step, clock: Arc::new(move || started.elapsed().as_secs_f64()) };
+    let mut on_row = |table: &Table| keep(&arguments.out, table, form);
+    let watch = Watch {
+        stop: &stop,
+        on_step: &mut on_step,
+        on_row: &mut on_row,
+        clock: Arc::new(move || started.elapsed().as_secs_f64()),
+    };
     let found = reproduction::reproduce(&order, scenes, watch)?;
     drop(interrupts);
     drop(meter);
@@ -105,6 +114,18 @@ fn command(arguments: &ReproduceArgs) -> String {
     words.join(" ")
 }
 
+/// Keeps a table that is not yet whole beside the results: some take hours, and an interrupted run shall not lose them.
+fn keep(folder: &Path, table: &Table, form: Form) {
+    let path = partial(folder, table);
+    if let Err(cause) = fs::write(&path, format!("{:#}\n", tables_json::table(table))) {
+        form.remark(&format!("{}: not kept so far: {cause}", path.display()));
+    }
+}
+
+fn partial(folder: &Path, table: &Table) -> PathBuf {
+    folder.join(format!("{}.partial.json", table.key))
+}
+
 fn write(folder: &Path, found: &Reproduction, run: &Run) -> Result<Vec<PathBuf>, Failure> {
     let mut files = Vec::new();
     let mut put = |name: &str, content: String| {
@@ -117,6 +138,10 @@ fn write(folder: &Path, found: &Reproduction, run: &Run) -> Result<Vec<PathBuf>,
     let json = serde_json::to_string_pretty(&whole_json(found, run)).map_err(|cause| Failure::Unexpected(cause.to_string()))?;
     put(JSON, json + "\n")?;
     found.drawings.iter().try_for_each(|drawing| put(&drawing.file, drawing.svg.clone()))?;
+    // The whole tables are there now.
+    for table in &found.tables {
+        let _ = fs::remove_file(partial(folder, table));
+    }
     Ok(files)
 }
 

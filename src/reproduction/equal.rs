@@ -102,7 +102,10 @@ fn add_pair(study: &mut Study, table: &mut Table, theirs: &Trial, method: Method
     let qualities = study.qualities(theirs)?;
     let found = pairs(study, theirs, method, &flights, &qualities)?;
     match found.into_iter().collect::<Result<Vec<Pair>, PlanError>>() {
-        Ok(pairs) => add_row(table, theirs, method, &pairs),
+        Ok(pairs) => {
+            add_row(table, theirs, method, &pairs);
+            study.keep(table);
+        }
         Err(error) => table.note(format!("No flight of ours over {}: {error}.", theirs.site.name())),
     }
     Ok(())

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::figures;
 use super::site::Site;
+use super::table::Table;
 use super::{Effort, ReproductionError};
 use crate::camera::Rig;
 use crate::field::{FieldError, Snapshot};
@@ -24,6 +25,8 @@ pub type Clock = Arc<dyn Fn() -> f64 + Send + Sync>;
 pub struct Watch<'a> {
     pub stop: &'a StopToken,
     pub on_step: &'a mut dyn FnMut(&str),
+    /// Is given a table that takes hours whenever a row has come, so that an interrupted run leaves what it has.
+    pub on_row: &'a mut dyn FnMut(&Table),
     /// Only planning times are measured with it, and plans that are given so much time.
     pub clock: Clock,
 }
@@ -125,6 +128,11 @@ impl<'a> Study<'a> {
     pub fn step(&mut self, what: &str) -> Result<(), ReproductionError> {
         (self.watch.on_step)(what);
         if self.watch.stop.is_stopped() { Err(ReproductionError::Stopped) } else { Ok(()) }
+    }
+
+    /// Hands out a table that is not yet whole.
+    pub fn keep(&mut self, table: &Table) {
+        (self.watch.on_row)(table);
     }
 
     /// The scene of a site; `None` when it is missing.

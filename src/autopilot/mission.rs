@@ -6,9 +6,10 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector3};
 
 use super::dialect::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
-use crate::frame::LocalFrame;
+use crate::frame::{Geodetic, LocalFrame};
 use crate::mission::course::{Course, CourseError, CourseOptions, HomeChoice};
 use crate::mission::mav_items::{self, Autopilot, MavItem};
+use crate::scene::free_space::FreeSpace;
 use crate::trajectory::plan::{Plan, Waypoint};
 
 /// A mission that is joined in flight sets speed, trigger and gimbal anew on the legs to so many waypoints: at whichever of them the aircraft is when
@@ -33,6 +34,26 @@ pub struct NewPlan {
     pub differs_from: Option<(u64, usize)>,
 }
 
+/// What a mission is made with.
+#[derive(Clone, Copy, Debug)]
+pub struct MissionOptions<'a> {
+    pub course: &'a CourseOptions,
+    /// The space around the ways out and home, where it is known.
+    pub free: Option<&'a FreeSpace>,
+    /// From 1.
+    pub sortie: usize,
+    pub autopilot: Autopilot,
+}
+
+/// How an aircraft in the air goes over to a mission.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Joined {
+    /// The waypoint that it flies to.
+    pub waypoint: usize,
+    /// Where an aircraft is that is too far from the path to fly there straight: it climbs above everything, flies across and comes down.
+    pub from_m: Option<Point3<f64>>,
+}
+
 /// A plan, or the sortie of it that one battery flies, as mission items.
 #[derive(Clone, Debug)]
 pub struct Mission {
@@ -44,6 +65,8 @@ pub struct Mission {
     pub home_z_m: f64,
     pub items: Vec<MISSION_ITEM_INT_DATA>,
     pub stops: Vec<StopItem>,
+    /// The item that the way from an aircraft far away begins with.
+    pub way_in: Option<usize>,
     /// Number of the sortie, and how many there are.
     pub sortie: usize,
     pub sorties: usize,
@@ -73,29 +96,35 @@ pub enum MissionError {
 
 impl Mission {
     /// The mission of a plan for an autopilot; one that is `joined` in flight at a waypoint leaves nothing to items that are skipped.
-    pub fn new(
-        new: &NewPlan,
-        options: &CourseOptions,
-        sortie: usize,
-        autopilot: Autopilot,
-        joined: Option<usize>,
-    ) -> Result<Self, MissionError> {
-        let course = Course::new(&new.plan, None, options)?;
+    pub fn new(new: &NewPlan, options: &MissionOptions, joined: Option<Joined>) -> Result<Self, MissionError> {
+        let &MissionOptions { course: course_options, free, sortie, autopilot } = options;
+        autopilot.check(course_options.altitudes)?;
+        let course = Course::new(&new.plan, free, course_options)?;
         let sorties = course.sorties.len();
         let flown = sortie.checked_sub(1).and_then(|index| course.sorties.get(index));
         let flown = flown.ok_or(MissionError::NoSortie { wanted: sortie, has: sorties })?;
         let waypoints: Vec<usize> = flown.stops.iter().map(|stop| stop.waypoint).collect();
         let mut list = mav_items::items(&course, flown, autopilot);
         if let Some(joined) = joined {
-            let first = waypoints.partition_point(|&waypoint| waypoint < joined);
+            let first = waypoints.partition_point(|&waypoint| waypoint < joined.waypoint);
             list = set_anew(&list, first..first + SET_ANEW);
+        }
+        let at = |joined: &Joined| stop_items(&list).into_iter().find(|stop| stop.waypoint >= joined.waypoint);
+        let mut way_in = None;
+        if let Some((stop, from_m)) = joined.and_then(|joined| at(&joined).zip(joined.from_m)) {
+            let to_m = new.plan.waypoints[stop.waypoint].position_m;
+            let way = course.way_over(&new.plan, free, &from_m, &to_m)?;
+            list.splice(stop.begins..stop.begins, mav_items::way_items(&course, &way, autopilot));
+            way_in = Some(stop.begins);
         }
         if autopilot == Autopilot::ArduPilot {
             // Its item 0 is the home position, and is never flown to.
             list.insert(0, home_item(&course));
+            way_in = way_in.map(|item| item + 1);
         }
-        let stops = stop_items(&list, &waypoints, usize::from(autopilot == Autopilot::ArduPilot));
-        let begins = joined.and_then(|joined| stops.iter().find(|stop| stop.waypoint >= joined)).map_or(0, |stop| stop.begins);
+        let stops = stop_items(&list);
+        let goes_on = joined.and_then(|joined| stops.iter().find(|stop| stop.waypoint >= joined.waypoint));
+        let begins = way_in.or(goes_on.map(|stop| stop.begins)).unwrap_or(0);
         if let Some(stop) = stops.first().filter(|_| joined.is_some()) {
             // A flight that goes on does not wait where its path begins.
             let [hold_s, radius_m, ..] = &mut list[stop.item].params;
@@ -114,6 +143,7 @@ impl Mission {
             home_z_m: course.home.position_m.z,
             items: wire.collect::<Result<_, _>>()?,
             stops,
+            way_in,
             sortie,
             sorties,
             notes: course.notes,
@@ -128,6 +158,24 @@ impl Mission {
     /// The items of a waypoint, or of the next one that has any: waypoints at one place are one.
     pub fn stop_from(&self, waypoint: usize) -> Option<StopItem> {
         self.stops.iter().copied().find(|stop| stop.waypoint >= waypoint)
+    }
+
+    /// The item that an aircraft at a place goes on with to reach a waypoint, and the last one that leads there: places on the way at which it is told its
+    /// height again, and which lie behind it, are left out.
+    pub fn goes_on(&self, waypoint: usize, position_m: &Point3<f64>) -> Option<[usize; 2]> {
+        let stop = self.stop_from(waypoint)?;
+        let away_m = |item: usize| {
+            let [lat_deg, lon_deg] = [self.items[item].x, self.items[item].y].map(|degrees| f64::from(degrees) / DEGREE);
+            let alt_m = self.frame.origin.map_or(0.0, |origin| origin.alt_m);
+            self.frame.local_from_geodetic(&Geodetic { lat_deg, lon_deg, alt_m })
+        };
+        let goal_m = away_m(stop.item)?;
+        let is_behind =
+            |item: usize| away_m(item).is_some_and(|at| (at.xy() - goal_m.xy()).norm() > (position_m.xy() - goal_m.xy()).norm());
+        let passed = (stop.begins..stop.item)
+            .rev()
+            .find(|&item| self.items[item].command == MavCmd::MAV_CMD_NAV_WAYPOINT && is_behind(item));
+        Some([passed.map_or(stop.begins, |item| item + 1), stop.item])
     }
 
     /// The item behind which the plan, or this sortie of it, is flown.
@@ -176,7 +224,7 @@ pub fn join(waypoints: &[Waypoint], changed: usize, ahead: Option<usize>, positi
 }
 
 /// The way from the nearest point between `a` and `b` to `p`.
-fn away(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Vector3<f64> {
+pub fn away(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Vector3<f64> {
     let along = b - a;
     let share = if along.norm_squared() > 0.0 { ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0) } else { 0.0 };
     p - (a + along * share)
@@ -191,20 +239,17 @@ fn set_anew(items: &[MavItem], range: std::ops::Range<usize>) -> Vec<MavItem> {
     let mut set: BTreeMap<u16, MavItem> = BTreeMap::new();
     let mut all: Vec<MavItem> = Vec::with_capacity(items.len() + 5 * range.len());
     let mut group: Vec<MavItem> = Vec::new();
-    // The first waypoint of the items is the way out.
     let mut stops = 0usize;
     for item in items {
         if !is_flown_to(item) {
             group.push(*item);
             continue;
         }
-        if item.command == mav_items::WAYPOINT {
-            if stops > 0 && range.contains(&(stops - 1)) {
-                let missing = set.values().filter(|set| group.iter().all(|item| item.command != set.command));
-                all.extend(missing);
-            }
-            stops += 1;
+        if (item.waypoint.is_some() || is_relief(item)) && range.contains(&stops) {
+            let missing = set.values().filter(|set| group.iter().all(|item| item.command != set.command));
+            all.extend(missing);
         }
+        stops += usize::from(item.waypoint.is_some());
         set.extend(group.iter().map(|item| (item.command, *item)));
         all.append(&mut group);
         all.push(*item);
@@ -213,19 +258,20 @@ fn set_anew(items: &[MavItem], range: std::ops::Range<usize>) -> Vec<MavItem> {
     all
 }
 
-/// The items of each waypoint of a sortie, in a list whose first `before` items are none of it.
-fn stop_items(items: &[MavItem], waypoints: &[usize], before: usize) -> Vec<StopItem> {
-    let mut begins = before;
-    let mut places: Vec<[usize; 2]> = Vec::new();
-    for (index, item) in items.iter().enumerate().skip(before).filter(|(_, item)| is_flown_to(item)) {
-        if item.command == mav_items::WAYPOINT {
-            places.push([begins, index]);
-        }
+/// A place on the way to a stop where an aircraft that follows the ground is told its height again.
+fn is_relief(item: &MavItem) -> bool {
+    item.waypoint.is_none() && item.frame == mav_items::FRAME_TERRAIN
+}
+
+/// The items of each waypoint of a sortie.
+fn stop_items(items: &[MavItem]) -> Vec<StopItem> {
+    let mut begins = 0;
+    let mut stops = Vec::new();
+    for (index, item) in items.iter().enumerate().filter(|(_, item)| is_flown_to(item) && !is_relief(item)) {
+        stops.extend(item.waypoint.map(|waypoint| StopItem { waypoint, item: index, begins }));
         begins = index + 1;
     }
-    // The first one is the way out, and those behind the stops lead home.
-    let of_stops = places.into_iter().skip(1);
-    of_stops.zip(waypoints).map(|([begins, item], &waypoint)| StopItem { waypoint, item, begins }).collect()
+    stops
 }
 
 fn home_item(course: &Course) -> MavItem {
@@ -237,6 +283,7 @@ fn home_item(course: &Course) -> MavItem {
         lat_deg: place.lat_deg,
         lon_deg: place.lon_deg,
         alt_m: place.alt_m,
+        waypoint: None,
     }
 }
 
@@ -256,6 +303,7 @@ fn wire(item: &MavItem, is_current: bool) -> Result<MISSION_ITEM_INT_DATA, Missi
     let (frame, scale) = match item.frame {
         mav_items::FRAME_ABSOLUTE => (MavFrame::MAV_FRAME_GLOBAL, DEGREE),
         mav_items::FRAME_RELATIVE => (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, DEGREE),
+        mav_items::FRAME_TERRAIN => (MavFrame::MAV_FRAME_GLOBAL_TERRAIN_ALT, DEGREE),
         // Parameters that are no place go as they are.
         _ => (MavFrame::MAV_FRAME_MISSION, 1.0),
     };
@@ -289,8 +337,9 @@ mod tests {
     }
 
     fn mission(rig: &str, autopilot: Autopilot, joined: Option<usize>) -> Mission {
-        let options = CourseOptions { sortie_s: Some(3000.0), ..CourseOptions::default() };
-        Mission::new(&new(rig), &options, 1, autopilot, joined).unwrap()
+        let joined = joined.map(|waypoint| Joined { waypoint, from_m: None });
+        let course = &CourseOptions { sortie_s: Some(3000.0), ..CourseOptions::default() };
+        Mission::new(&new(rig), &MissionOptions { course, free: None, sortie: 1, autopilot }, joined).unwrap()
     }
 
     #[test]
@@ -318,6 +367,31 @@ mod tests {
             let is_home_first = mission.items[0].command == MavCmd::MAV_CMD_NAV_WAYPOINT;
             assert_eq!(is_home_first, autopilot == Autopilot::ArduPilot, "ArduPilot's item 0 is its home");
         }
+    }
+
+    #[test]
+    fn an_aircraft_that_follows_the_ground_does_not_fly_back_to_be_told_its_height() {
+        let (scene, plan) = fixture::over_a_hill();
+        let free = FreeSpace::new(&scene, &crate::settings::Settings::default().flight).unwrap();
+        let altitudes = crate::mission::course::Altitudes::Terrain;
+        let course = &CourseOptions { altitudes, sortie_s: Some(3000.0), ..CourseOptions::default() };
+        let new = NewPlan { epoch: 1, plan: Arc::new(plan), differs_from: None };
+        let options = MissionOptions { course, free: Some(&free), sortie: 1, autopilot: Autopilot::ArduPilot };
+        let mission = Mission::new(&new, &options, Some(Joined { waypoint: 1, from_m: None })).unwrap();
+        let stop = mission.stops[1];
+        let relief = stop.item - stop.begins;
+        assert!(relief > 10 && mission.stops.len() == new.plan.waypoints.len(), "{:?}", mission.stops);
+        assert_eq!(mission.goes_on(1, &Point3::new(-200.0, 60.0, 90.0)), Some([stop.begins, stop.item]));
+        let [item, last] = mission.goes_on(1, &Point3::new(120.0, 60.0, 90.0)).unwrap();
+        assert!(item > stop.begins + 5 && item < stop.item && last == stop.item, "{item} of {stop:?}");
+        let next = mission.items[item..].iter().find(|item| item.command == MavCmd::MAV_CMD_NAV_WAYPOINT).unwrap();
+        let alt_m = 0.0;
+        let place = Geodetic { lat_deg: f64::from(next.x) / DEGREE, lon_deg: f64::from(next.y) / DEGREE, alt_m };
+        assert!(mission.frame.local_from_geodetic(&place).unwrap().x > 119.0);
+        assert_eq!(in_force(&mission, item, 1), in_force(&mission, 0, 1), "and has all settings");
+        let px4 = MissionOptions { autopilot: Autopilot::Px4, ..options };
+        let refused = Mission::new(&new, &px4, None).unwrap_err().to_string();
+        assert!(refused.contains("--autopilot ardupilot") && refused.contains("--altitude relative"), "{refused}");
     }
 
     /// What is in force on the way to a stop when the items from `from` on are carried out.
@@ -369,7 +443,9 @@ mod tests {
 
     #[test]
     fn a_sortie_that_there_is_not_is_refused() {
-        let refused = Mission::new(&new("panoramic"), &CourseOptions::default(), 99, Autopilot::Px4, None).unwrap_err();
+        let course = &CourseOptions::default();
+        let options = MissionOptions { course, free: None, sortie: 99, autopilot: Autopilot::Px4 };
+        let refused = Mission::new(&new("panoramic"), &options, None).unwrap_err();
         assert!(matches!(refused, MissionError::NoSortie { wanted: 99, .. }), "{refused}");
     }
 }

@@ -37,6 +37,10 @@ pub enum Notice {
         item: usize,
         off_m: f64,
     },
+    /// The new path is so far from the aircraft that it holds, climbs above everything, flies across and comes down.
+    FarOff {
+        off_m: f64,
+    },
     /// A newer plan has come while this one was on its way up.
     Superseded {
         epoch: u64,

@@ -23,6 +23,7 @@ use super::upload::Upload;
 use super::{Address, MavMessage, ONBOARD_COMPUTER, dialect};
 use crate::mission::course::CourseOptions;
 use crate::mission::mav_items::Autopilot;
+use crate::scene::free_space::FreeSpace;
 
 /// How often this program says that it is there.
 const HEARTBEAT: Duration = Duration::from_secs(1);
@@ -48,6 +49,8 @@ pub struct PilotOptions {
     pub system: Option<u8>,
     pub autopilot: Option<Autopilot>,
     pub course: CourseOptions,
+    /// The space around the ways out and home, where it is known.
+    pub free: Option<Arc<FreeSpace>>,
     pub sortie: usize,
     /// Arm it, and let it fly.
     pub starts: bool,
@@ -107,6 +110,8 @@ pub struct Pilot {
     orders: VecDeque<Order>,
     command: Option<Command>,
     is_held: bool,
+    /// When an aircraft that was told to hold counts as being at rest, whatever it says.
+    at_rest: Option<Duration>,
     /// How much later than a report a plan that follows from it is flown.
     lead: Duration,
     out: Vec<MavMessage>,
@@ -133,6 +138,7 @@ impl Pilot {
             orders: VecDeque::new(),
             command: None,
             is_held: false,
+            at_rest: None,
             lead: PLANNING,
             out: Vec::new(),
             notices: Vec::new(),

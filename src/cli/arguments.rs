@@ -1,5 +1,6 @@
 //! What can be said on the command line.
 
+mod course;
 mod edit;
 mod export;
 mod fly;

@@ -166,7 +166,7 @@ pub(super) fn read_run(run_file: &Path, plan: &Plan) -> Result<Value, String> {
 }
 
 /// The settings with what the plan's run says of how its scene file was read, where that can be understood.
-fn read_as_before(mut settings: Settings, run: &Value) -> Settings {
+pub(super) fn read_as_before(mut settings: Settings, run: &Value) -> Settings {
     let Ok(mut proxy) = serde_json::to_value(&settings.proxy) else { return settings };
     let differing = run["settings"]["proxy"].as_object().into_iter().flatten();
     differing.for_each(|(key, value)| proxy[key] = value.clone());

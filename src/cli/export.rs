@@ -10,19 +10,18 @@ use serde_json::{Value, json};
 
 use super::answer::{self, Answer, Form};
 use super::arguments::{ExportArgs, Format};
-use super::evaluate::{read_plan_or_run, read_run, run_file, scene_file};
+use super::evaluate::read_plan_or_run;
 use super::failure::Failure;
 use super::interrupt::Interrupts;
 use super::outputs::Folder;
 use super::progress::Meter;
-use super::{in_process, settings_file};
-use crate::mission::course::{Altitudes, CameraMount, Course, CourseError, CourseOptions, Sortie};
+use super::{flown_scene, settings_file};
+use crate::mission::course::{Altitudes, CameraMount, Course, CourseError, Ground, Sortie};
 use crate::mission::mav_items::{self, Autopilot};
 use crate::mission::pictures::plain_name;
 use crate::mission::{colmap, coverage_model, dji, footprints, geojson, kml, litchi, plan_read, qgc, tables, waypoints};
 use crate::quality::{self, Quality, Truth};
 use crate::scene::Scene;
-use crate::scene::free_space::FreeSpace;
 use crate::session::FieldError;
 use crate::settings::Settings;
 use crate::stop::StopToken;
@@ -32,7 +31,7 @@ use crate::trajectory::plan::{Plan, sight_scale};
 const WITHOUT_GEOREFERENCE: &str = "csv, colmap, realitycapture, metashape, coverage-ply and coverage-glb need none";
 
 pub fn run(arguments: &ExportArgs, form: Form) -> Result<Answer, Failure> {
-    let settings = settings_file::settings(arguments.config.as_ref(), None)?;
+    let settings = settings_file::settings(arguments.course.config.as_ref(), None)?;
     let plan = plan_read::read(&arguments.plan.to_string_lossy(), &read_plan_or_run(&arguments.plan)?)?;
     let settings = settings.with_sight(sight_scale(&plan.cameras));
     settings.check()?;
@@ -66,15 +65,10 @@ struct Export<'a> {
 
 impl<'a> Export<'a> {
     fn new(arguments: &'a ExportArgs, plan: Plan, settings: &'a Settings) -> Result<Self, Failure> {
-        let run_file = run_file(&arguments.plan);
-        let file = match &arguments.scene {
-            Some(file) => Ok(file.clone()),
-            None => read_run(&run_file, &plan).and_then(|run| scene_file(&run)).map_err(|cause| format!("{run_file:?}: {cause}")),
-        };
-        let scene = match file {
-            Ok(_) if !arguments.formats.iter().any(|format| needs_scene(*format)) => Err("nobody asked for it".to_owned()),
-            Ok(file) => Ok(in_process::read_scene(&file, settings)?.0),
-            Err(cause) => Err(cause),
+        let is_needed = arguments.formats.iter().any(|format| needs_scene(*format));
+        let scene = match is_needed {
+            true => flown_scene::find(arguments.course.scene.as_ref(), &arguments.plan, &plan, settings)?,
+            false => Err("nobody asked for it".to_owned()),
         };
         let stem = plain_name(&plan.scene.name);
         Ok(Self { arguments, settings, plan, scene, course: None, stem, notes: Vec::new(), files: Vec::new() })
@@ -104,6 +98,12 @@ impl<'a> Export<'a> {
             match format {
                 Format::All => {}
                 Format::Qgc | Format::Ardupilot | Format::Dji | Format::Litchi => match self.write_mission(format) {
+                    Err(Failure::Course(error)) if !self.arguments.formats.contains(&format) => {
+                        left_out.push(format!("{} is left out: {error}", name(format)));
+                    }
+                    written => written?,
+                },
+                Format::Kml => match self.write_map() {
                     Err(Failure::Course(error)) if !self.arguments.formats.contains(&format) => {
                         left_out.push(format!("{} is left out: {error}", name(format)));
                     }
@@ -160,29 +160,19 @@ impl<'a> Export<'a> {
         }
     }
 
-    /// The plan in the scene's frame: they differ only where another file than the plan's own is given.
-    fn carried(&self, scene: &Scene) -> Result<Plan, Failure> {
-        let plan = quality::carried(&self.plan, scene);
-        let plan = plan.and_then(|plan| quality::check_reach(&plan, scene, self.settings.coverage.range_m).map(|()| plan));
-        plan.map_err(|misplaced| Failure::File(misplaced.to_string().replace("--truth", "--scene")))
-    }
-
     /// The course of the plan, worked out once.
     fn prepare_course(&mut self) -> Result<(), Failure> {
         if self.course.is_some() {
             return Ok(());
         }
-        let options = CourseOptions {
-            reserve_percent: self.arguments.reserve,
-            sortie_s: self.arguments.sortie_time,
-            home: self.arguments.home.map(|home| home.0),
-            altitudes: self.arguments.altitude.into(),
-        };
+        let options = self.arguments.course.options();
         let course = match &self.scene {
             Ok(scene) => {
-                let plan = self.carried(scene)?;
-                let free = FreeSpace::new(scene, &self.settings.flight).map_err(FieldError::from)?;
-                Course::new(&plan, Some(&free), &options)?
+                let plan = flown_scene::carried(&self.plan, scene, self.settings)?;
+                let free = flown_scene::free_space(scene, self.settings)?;
+                let course = Course::new(&plan, Some(&free), &options)?;
+                course.check(&plan, &free)?;
+                course
             }
             Err(_) => Course::new(&self.plan, None, &options)?,
         };
@@ -192,10 +182,13 @@ impl<'a> Export<'a> {
     }
 
     fn write_mission(&mut self, format: Format) -> Result<(), Failure> {
+        let autopilot: Autopilot = self.arguments.autopilot.into();
+        if format == Format::Qgc {
+            autopilot.check(self.arguments.course.altitude.into())?;
+        }
         self.prepare_course()?;
         let Some(course) = &self.course else { return Ok(()) };
         let made_ms = made_ms(self.arguments);
-        let autopilot: Autopilot = self.arguments.autopilot.into();
         for sortie in &course.sorties {
             let (ending, bytes) = match format {
                 Format::Qgc => (".plan", qgc::to_bytes(course, sortie, autopilot)),
@@ -209,13 +202,25 @@ impl<'a> Export<'a> {
         Ok(())
     }
 
+    fn write_map(&mut self) -> Result<(), Failure> {
+        let (which, altitudes) = (self.arguments.images.which(), self.arguments.course.altitude.into());
+        let bytes = match &self.scene {
+            Ok(scene) => {
+                let plan = flown_scene::carried(&self.plan, scene, self.settings)?;
+                let free = flown_scene::free_space(scene, self.settings)?;
+                kml::to_bytes(&plan, which, altitudes, Ground::of(Some(&free)))
+            }
+            Err(_) if altitudes == Altitudes::Terrain => return Err(CourseError::NoTerrain.into()),
+            Err(_) => kml::to_bytes(&self.plan, which, altitudes, Ground::default()),
+        };
+        self.files.extend(bytes.map(|bytes| (PathBuf::from(format!("{}.kml", self.stem)), bytes)));
+        Ok(())
+    }
+
     fn write_plan(&mut self, format: Format) {
         let (plan, stem, which) = (&self.plan, &self.stem, self.arguments.images.which());
         let named = |ending: &str, bytes: Vec<u8>| (PathBuf::from(format!("{stem}{ending}")), bytes);
         let files: Vec<(PathBuf, Vec<u8>)> = match format {
-            Format::Kml => {
-                kml::to_bytes(plan, which, self.arguments.altitude.into()).map(|bytes| named(".kml", bytes)).into_iter().collect()
-            }
             Format::Geojson => geojson::to_bytes(plan, which).map(|bytes| named(".geojson", bytes)).into_iter().collect(),
             Format::Csv => {
                 vec![named("-images.csv", tables::images(plan, which)), named("-waypoints.csv", tables::waypoints(plan))]
@@ -238,7 +243,7 @@ impl<'a> Export<'a> {
     /// What the images see of dense samples, as `overfly evaluate` looks at it.
     fn coverage(&self, stop: &StopToken, form: Form) -> Result<(Truth, Quality), Failure> {
         let scene = self.scene.as_ref().map_err(|cause| Failure::File(cause.clone()))?;
-        let plan = self.carried(scene)?;
+        let plan = flown_scene::carried(&self.plan, scene, self.settings)?;
         let mut meter = Meter::new(form);
         meter.keep_moving();
         meter.stage("casting the rays of the images");
@@ -322,6 +327,13 @@ fn remarks(format: Format, course: &Course) -> Vec<String> {
     if is_absolute && matches!(format, Format::Dji | Format::Litchi) {
         remarks.push(format!("the heights of {} files are above the take-off place always", name(format)));
     }
+    if course.altitudes == Altitudes::Terrain && format == Format::Dji {
+        remarks.push(
+            "DJI's aircraft fly heights above the take-off place, worked out over the scene's ground; those above the ground are in the template, for \
+             Pilot 2: when it saves the mission anew, it takes them above its own model of the surface"
+                .to_owned(),
+        );
+    }
     if course.mount == CameraMount::Fixed && matches!(format, Format::Dji | Format::Litchi) {
         remarks.push(format!("{} files trigger one camera; the others of the rig have to follow it", name(format)));
     }
@@ -331,7 +343,14 @@ fn remarks(format: Format, course: &Course) -> Vec<String> {
 fn needs_scene(format: Format) -> bool {
     matches!(
         format,
-        Format::All | Format::Qgc | Format::Ardupilot | Format::Dji | Format::Litchi | Format::CoveragePly | Format::CoverageGlb
+        Format::All
+            | Format::Qgc
+            | Format::Ardupilot
+            | Format::Dji
+            | Format::Litchi
+            | Format::Kml
+            | Format::CoveragePly
+            | Format::CoverageGlb
     )
 }
 

@@ -14,16 +14,18 @@ use serde_json::json;
 use self::orders::{PlanSource, Word};
 use super::answer::{Answer, Form};
 use super::arguments::FlyArgs;
-use super::bounded_file;
 use super::failure::Failure;
 use super::interrupt::Interrupts;
+use super::{bounded_file, flown_scene, in_process, settings_file};
 use crate::autopilot::link::Link;
-use crate::autopilot::mission::{Mission, NewPlan};
+use crate::autopilot::mission::{Mission, MissionOptions, NewPlan};
 use crate::autopilot::notice::PilotError;
 use crate::autopilot::pilot::{Pilot, PilotOptions};
-use crate::mission::course::CourseOptions;
+use crate::mission::course::Course;
 use crate::mission::mav_items::Autopilot;
 use crate::mission::plan_read;
+use crate::scene::free_space::FreeSpace;
+use crate::trajectory::plan::sight_scale;
 
 /// A larger plan.json is a mistake.
 const MOST_PLAN_BYTES: u64 = 1_000_000_000;
@@ -39,27 +41,39 @@ const LEAST_LEFT_S: f64 = 1.0;
 
 pub fn run(arguments: &FlyArgs, form: Form) -> Result<(), Failure> {
     let is_file = arguments.plan.contains('/') || arguments.plan.ends_with(".json") || Path::new(&arguments.plan).is_file();
+    let file = if is_file { Some(read(&arguments.plan)?) } else { None };
+    let (file, free) = free_space(arguments, file)?;
     if arguments.dry_run {
-        let new = if is_file { read(&arguments.plan)? } else { orders::last_plan(arguments)? };
-        return form.print(&dry_run(arguments, &new)?).map_err(Failure::Print);
+        let new = file.map_or_else(|| orders::last_plan(arguments), Ok)?;
+        return form.print(&dry_run(arguments, &new, free.as_deref())?).map_err(Failure::Print);
     }
     let Some(place) = arguments.link.clone() else { return Err(Failure::Usage("give `--link`, or `--dry-run`".to_owned())) };
-    let source = if is_file { PlanSource::File(read(&arguments.plan)?) } else { PlanSource::open(arguments)? };
+    let source = file.map_or_else(|| PlanSource::open(arguments), |new| Ok(PlanSource::File(new)))?;
     let stop = Arc::new(AtomicBool::new(false));
     let stopper = Arc::clone(&stop);
     let what_follows = "stopping: the autopilot flies its mission on by itself; Ctrl-C again ends at once";
     let _interrupts = Interrupts::announced(form, what_follows, move || stopper.store(true, Ordering::Relaxed));
     let link = Link::open(place)?;
-    Flight::new(arguments, form, link, source).fly(&stop)
+    Flight::new(arguments, form, link, source, free).fly(&stop)
 }
 
-fn course(arguments: &FlyArgs) -> CourseOptions {
-    CourseOptions {
-        reserve_percent: arguments.reserve,
-        sortie_s: arguments.sortie_time,
-        home: arguments.home.map(|home| home.0),
-        ..CourseOptions::default()
-    }
+/// The space that the ways out and home lead through: of the scene that is given, and for a plan.json else of the one that it was made on. A file's plan comes back
+/// in the frame of the scene, and is held against it; a daemon has checked its own against what the scene is by now.
+fn free_space(arguments: &FlyArgs, file: Option<NewPlan>) -> Result<(Option<NewPlan>, Option<Arc<FreeSpace>>), Failure> {
+    let settings = settings_file::settings(arguments.course.config.as_ref(), None)?;
+    let Some(new) = file else {
+        let Some(scene) = &arguments.course.scene else { return Ok((None, None)) };
+        let (scene, _) = in_process::read_scene(scene, &settings)?;
+        return Ok((None, Some(Arc::new(flown_scene::free_space(&scene, &settings)?))));
+    };
+    let settings = settings.with_sight(sight_scale(&new.plan.cameras));
+    let found = flown_scene::find(arguments.course.scene.as_ref(), Path::new(&arguments.plan), &new.plan, &settings)?;
+    let Ok(scene) = found else { return Ok((Some(new), None)) };
+    let plan = flown_scene::carried(&new.plan, &scene, &settings)?;
+    let free = flown_scene::free_space(&scene, &settings)?;
+    let options = arguments.course.options();
+    Course::new(&plan, Some(&free), &options)?.check(&plan, &free)?;
+    Ok((Some(NewPlan { plan: Arc::new(plan), ..new }), Some(Arc::new(free))))
 }
 
 fn read(path: &str) -> Result<NewPlan, Failure> {
@@ -69,9 +83,11 @@ fn read(path: &str) -> Result<NewPlan, Failure> {
     Ok(NewPlan { epoch: 0, plan: Arc::new(plan_read::read(path, &bytes)?), differs_from: None })
 }
 
-fn dry_run(arguments: &FlyArgs, new: &NewPlan) -> Result<Answer, Failure> {
+fn dry_run(arguments: &FlyArgs, new: &NewPlan, free: Option<&FreeSpace>) -> Result<Answer, Failure> {
     let autopilot = arguments.autopilot.map_or(Autopilot::Px4, Into::into);
-    let mission = Mission::new(new, &course(arguments), arguments.sortie as usize, autopilot, None).map_err(PilotError::from)?;
+    let course = &arguments.course.options();
+    let options = MissionOptions { course, free, sortie: arguments.sortie as usize, autopilot };
+    let mission = Mission::new(new, &options, None).map_err(PilotError::from)?;
     Ok(say::items(&mission))
 }
 
@@ -90,11 +106,12 @@ struct Flight<'a> {
 }
 
 impl<'a> Flight<'a> {
-    fn new(arguments: &'a FlyArgs, form: Form, link: Link, source: PlanSource) -> Self {
+    fn new(arguments: &'a FlyArgs, form: Form, link: Link, source: PlanSource, free: Option<Arc<FreeSpace>>) -> Self {
         let options = PilotOptions {
             system: arguments.system,
             autopilot: arguments.autopilot.map(Into::into),
-            course: course(arguments),
+            course: arguments.course.options(),
+            free,
             sortie: arguments.sortie as usize,
             starts: arguments.start,
             holds: !arguments.no_hold,

@@ -15,6 +15,7 @@ mod en_route;
 mod evaluate;
 mod export;
 mod failure;
+mod flown_scene;
 mod fly;
 mod generate;
 mod import_lines;

@@ -1,18 +1,23 @@
 //! A plan as an aircraft is sent out with it: what every mission format needs, in the frame of the Earth, one sortie for each battery.
 //!
 //! Each sortie is whole: it climbs at the take-off place to a height above everything, goes to where the flight begins, or where the sortie before
-//! has ended, and comes home the same way. Speed, camera trigger and gimbal are set again in each of them, so that none depends on another.
+//! has ended, and comes home the same way, both around no-fly zones. Speed, camera trigger and gimbal are set again in each of them, so that none depends on another.
 //!
 //! Heights above the take-off place ([`Place::above_takeoff_m`]) are what missions use by default. Absolute heights ([`Place::geodetic`]) start from
 //! the origin's `alt_m`, the height of the ground in the vertical reference of the scene's file: of a CityJSON file mostly a national one, that is above
-//! mean sea level to within decimetres; in `overfly_origin` of a GeoJSON file what its author wrote; without it 0. No geoid is applied.
+//! mean sea level to within decimetres; in `overfly_origin` of a GeoJSON file what its author wrote; without it 0. No geoid is applied. Heights above the
+//! ground below ([`Place::above_ground_m`]) are those above the scene's terrain; the ways out and home keep to heights above the take-off place all the same.
 
+mod detour;
+mod ground;
 mod legs;
 mod sorties;
 mod transit;
 
 use nalgebra::Point3;
 
+use self::detour::Ways;
+pub use self::ground::{Ground, RELIEF_M};
 use self::legs::{Legs, distinct, mount};
 use self::sorties::{Reach, Times};
 use crate::frame::{Geodetic, LocalFrame};
@@ -47,6 +52,8 @@ pub enum Altitudes {
     Relative,
     /// The zero of the scene's vertical reference, taken for mean sea level.
     Absolute,
+    /// The ground below, as the aircraft knows it.
+    Terrain,
 }
 
 /// How the cameras follow the aircraft.
@@ -91,16 +98,17 @@ pub struct Sortie {
     /// The first one is 1.
     pub number: usize,
     pub stops: Vec<Stop>,
-    /// Above the first and above the last stop, at the height of transit.
-    pub entry: Place,
-    pub exit: Place,
+    /// Corners of the way out at the height of transit, from the one behind the take-off place to the place above the first stop, and of the way home, from
+    /// the place above the last stop on. Neither is ever empty.
+    pub out: Vec<Place>,
+    pub back: Vec<Place>,
     /// From take-off to landing, s, with slow climbs, and what that takes of a battery.
     pub duration_s: f64,
     pub battery_percent: Option<f64>,
 }
 
 /// A waypoint of a sortie.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Stop {
     /// Its place among the plan's waypoints.
     pub waypoint: usize,
@@ -118,6 +126,8 @@ pub struct Stop {
     /// Releases of the shutter from here on, up to and with the next stop, and the way from one to the next, m. `None` without any.
     pub exposures: usize,
     pub spacing_m: Option<f64>,
+    /// Places on the leg that follows at which an aircraft that counts its heights from the ground is told them again.
+    pub relief: Vec<Place>,
 }
 
 /// A point of the course.
@@ -127,6 +137,8 @@ pub struct Place {
     pub position_m: Point3<f64>,
     pub geodetic: Geodetic,
     pub above_takeoff_m: f64,
+    /// Above the ground of the scene.
+    pub above_ground_m: f64,
 }
 
 /// Medians over the flight: the way along the legs, and the time, from one exposure to the next.
@@ -141,7 +153,7 @@ pub struct Trigger {
 pub struct Fence {
     pub name: String,
     pub corners: Vec<Geodetic>,
-    /// Above the ground of the scene, m; without an upper end `f64::MAX`.
+    /// Above the ground below, m; without an upper end `f64::MAX`.
     pub floor_m: f64,
     pub ceiling_m: f64,
 }
@@ -165,6 +177,15 @@ pub enum CourseError {
          takes {needs_s:.0} s; keep a smaller reserve, take off nearer, or give its time with `--sortie-time`"
     )]
     SortieTooShort { from: usize, needs_s: f64, has_s: f64 },
+    #[error(
+        "heights above the terrain are those above the ground of the scene, which is not known; give its file with `--scene`, or take heights above \
+         the take-off place (`--altitude relative`)"
+    )]
+    NoTerrain,
+    #[error(
+        "PX4 flies no missions with heights above the terrain; take heights above the take-off place (`--altitude relative`), or `--autopilot ardupilot`"
+    )]
+    TerrainFrame,
     #[error("the flight would take more than {most} sorties; give them more time")]
     TooManySorties { most: usize },
     #[error(
@@ -203,41 +224,69 @@ impl Course {
             return Err(CourseError::TooManyWaypoints { count: kept.len(), most: MOST_WAYPOINTS });
         }
         let limits = plan.limits.ok_or(CourseError::NoLimits)?;
+        let follows_ground = options.altitudes == Altitudes::Terrain;
+        if follows_ground && free.is_none() {
+            return Err(CourseError::NoTerrain);
+        }
+        let ground = Ground::of(free);
         let legs = Legs::new(plan, kept, &limits);
         let mut notes = Vec::new();
-        legs.check(plan, free)?;
 
         let home_m = transit::home(&frame, &legs.points(), free, options.home, &mut notes)?;
-        let transit_z_m = transit::height_m(&legs.points(), home_m.z, free, &mut notes);
+        let transit_z_m = transit::height_m(&legs.points(), &home_m, free, &mut notes);
         let place = |position_m: Point3<f64>| Place {
             position_m,
             geodetic: frame.geodetic_from_local(&position_m).unwrap_or(origin),
             above_takeoff_m: position_m.z - home_m.z,
+            above_ground_m: position_m.z - ground.height_m(position_m.x, position_m.y),
         };
-        let reach = Reach::new(&legs, &limits, home_m, transit_z_m, free);
+        let above_home_m = Point3::new(home_m.x, home_m.y, transit_z_m);
+        let ways = Ways::new(free, above_home_m);
+        let reach = Reach::new(&legs, &limits, &home_m, &ways, free, transit_z_m);
         let battery_percent = plan.metrics.battery_percent.filter(|percent| *percent > 0.0);
         let times = Times::new(&legs, battery_percent, options, &mut notes);
         let parts = sorties::split(&legs, &reach, &times)?;
-        let above = |index: usize| place(Point3::new(legs.path[index].position.x, legs.path[index].position.y, transit_z_m));
+        let out = |index: usize| reach.way(index).iter().map(|corner| place(*corner)).collect::<Vec<Place>>();
+        let stop = |k: usize, ends: (usize, usize)| {
+            let mut stop = legs.stop(k, ends, &limits, &place);
+            if follows_ground && k < ends.1 {
+                let [from, to] = [k, k + 1].map(|index| legs.path[index].position);
+                stop.relief = ground.relief(&from, &to).into_iter().map(place).collect();
+            }
+            stop
+        };
         let sortie = |(index, &(from, to)): (usize, &(usize, usize))| {
             let duration_s = reach.duration_s(&legs, from, to);
             Sortie {
                 number: index + 1,
-                stops: (from..=to).map(|k| legs.stop(k, (from, to), &limits, &place)).collect(),
-                entry: above(from),
-                exit: above(to),
+                stops: (from..=to).map(|k| stop(k, (from, to))).collect(),
+                out: out(from),
+                back: out(to).into_iter().rev().collect(),
                 duration_s,
                 battery_percent: times.percent_a_second.map(|percent| percent * duration_s),
             }
         };
         let sorties: Vec<Sortie> = parts.iter().enumerate().map(sortie).collect();
+        let count: usize = sorties.iter().flat_map(|sortie| &sortie.stops).map(|stop| 1 + stop.relief.len()).sum();
+        if count > MOST_WAYPOINTS {
+            return Err(CourseError::TooManyWaypoints { count, most: MOST_WAYPOINTS });
+        }
         let fences = transit::fences(&frame, free, home_m, &sorties, &mut notes);
+        reach.note(&mut notes);
         if options.altitudes == Altitudes::Absolute && origin.alt_m == 0.0 {
             notes.push(
                 "the scene says that its ground lies at 0 m, and absolute heights start from there; where that is not so, use heights above the \
                  take-off place"
                     .to_owned(),
             );
+        }
+        if follows_ground {
+            let least_m = legs.path.windows(2).map(|ends| ground.least_above_m(&ends[0].position, &ends[1].position));
+            let least_m = least_m.fold(f64::INFINITY, f64::min);
+            notes.push(format!(
+                "heights count from the ground as the aircraft knows it, and the flight comes down to {least_m:.1} m above the ground of the scene: compare \
+                 the aircraft's terrain data with that before the flight; it flies as much too low or too high as they differ"
+            ));
         }
         let home = place(home_m);
         Ok(Self {
@@ -256,11 +305,70 @@ impl Course {
         })
     }
 
-    /// The height of a place as the mission counts heights, m.
-    pub fn alt_m(&self, place: &Place) -> f64 {
-        match self.altitudes {
-            Altitudes::Relative => place.above_takeoff_m,
-            Altitudes::Absolute => place.geodetic.alt_m,
+    /// Refuses a course that the scene, as it is given, does not let pass: of the same plan in the same free space. What leads out of where an aircraft must
+    /// not be has rules of its own.
+    pub fn check(&self, plan: &Plan, free: &FreeSpace) -> Result<(), CourseError> {
+        let ground = Ground::of(Some(free));
+        let legs = self.sorties.iter().flat_map(|sortie| sortie.stops.windows(2));
+        for (from, to) in legs.map(|ends| (&ends[0], &ends[1])).filter(|(from, _)| from.waypoint >= plan.egress.legs()) {
+            let places = std::iter::once(&from.at).chain(&from.relief).chain([&to.at]).map(|place| place.position_m);
+            let places: Vec<Point3<f64>> = places.collect();
+            let followed = |ends: &[Point3<f64>]| match self.altitudes {
+                Altitudes::Terrain => ground.followed(&ends[0], &ends[1]),
+                Altitudes::Relative | Altitudes::Absolute => ends.to_vec(),
+            };
+            let flown: Vec<Point3<f64>> = places.windows(2).flat_map(followed).collect();
+            if let Some(obstruction) = flown.windows(2).find_map(|ends| transit::collision(free, &ends[0], &ends[1])) {
+                let what = format!("the leg from waypoint {} to waypoint {}", from.waypoint, to.waypoint);
+                let remedy =
+                    "the plan was made for another state of the scene: plan it again, or give its own scene with `--scene`";
+                return Err(CourseError::Obstructed { what, obstruction, remedy });
+            }
+        }
+        Ok(())
+    }
+
+    /// The way of an aircraft that is far from where it has to go: straight up to the height of transit, across, and above its goal; `plan` is that of the
+    /// course.
+    pub fn way_over(
+        &self,
+        plan: &Plan,
+        free: Option<&FreeSpace>,
+        from_m: &Point3<f64>,
+        to_m: &Point3<f64>,
+    ) -> Result<Vec<Place>, CourseError> {
+        let frame = LocalFrame { origin: plan.scene.origin };
+        let ground = Ground::of(free);
+        let z_m = (self.home.position_m.z + self.transit_m).max(from_m.z);
+        let [up, above] = [from_m, to_m].map(|p| Point3::new(p.x, p.y, z_m));
+        let barred = |what: &str, obstruction| CourseError::Obstructed {
+            what: what.to_owned(),
+            obstruction,
+            remedy: "fly it by hand to where it can climb and fly on freely",
+        };
+        if let Some(obstruction) = free.and_then(|free| transit::collision(free, from_m, &up)) {
+            return Err(barred("the climb from where the aircraft is", obstruction));
+        }
+        let corners = Ways::new(free, up).to(&above);
+        let corners = corners.map_err(|obstruction| barred("the way from above the aircraft to above the path", obstruction))?;
+        let place = |position_m: Point3<f64>| Place {
+            position_m,
+            geodetic: frame.geodetic_from_local(&position_m).unwrap_or(self.home.geodetic),
+            above_takeoff_m: position_m.z - self.home.position_m.z,
+            above_ground_m: position_m.z - ground.height_m(position_m.x, position_m.y),
+        };
+        Ok(std::iter::once(up).chain(corners).chain([above]).map(place).collect())
+    }
+
+    /// The place above the take-off place at the height of transit.
+    pub fn above_home(&self) -> Place {
+        let by_m = self.transit_m;
+        let Place { position_m, geodetic, above_takeoff_m, above_ground_m } = self.home;
+        Place {
+            position_m: position_m + nalgebra::Vector3::z() * by_m,
+            geodetic: Geodetic { alt_m: geodetic.alt_m + by_m, ..geodetic },
+            above_takeoff_m: above_takeoff_m + by_m,
+            above_ground_m: above_ground_m + by_m,
         }
     }
 

@@ -1,4 +1,7 @@
-//! DJI's WPML (`.kmz`) of one sortie: `wpmz/template.kml` for the planning app and `wpmz/waylines.wpml` for the aircraft. Heights are above the take-off place.
+//! DJI's WPML (`.kmz`) of one sortie: `wpmz/template.kml` for the planning app and `wpmz/waylines.wpml` for the aircraft. The aircraft flies heights above the take-off
+//! place. Of heights above the ground the template says so and holds them, as the app does it that works them out with its own model of the surface; the wayline holds
+//! what they come to over the ground of the scene. The mode in which an aircraft follows what its sensors see below (`realTimeFollowSurface`) would climb over
+//! every roof and is not used.
 //!
 //! The aircraft passes rounded corners without a stop (continuity of curvature), turns nose and gimbal evenly along each leg, and takes images by distance. DJI
 //! Fly ignores triggers by distance; Pilot 2 and the docks know them.
@@ -7,7 +10,7 @@ use std::io::{Cursor, Write};
 
 use zip::write::SimpleFileOptions;
 
-use super::course::{CameraMount, Course, Place, Sortie, Stop};
+use super::course::{Altitudes, CameraMount, Course, Place, Sortie, Stop};
 use super::xml::Element;
 
 const KML: &str = "http://www.opengis.net/kml/2.2";
@@ -84,9 +87,9 @@ fn points<'a>(course: &Course, sortie: &'a Sortie) -> Vec<Point<'a>> {
             spacing_m: stop.spacing_m,
         }
     };
-    let entry = still(&sortie.entry, &stops[0]);
-    let exit = still(&sortie.exit, &stops[stops.len() - 1]);
-    std::iter::once(entry).chain(stops.iter().enumerate().map(point)).chain([exit]).collect()
+    let out = sortie.out.iter().map(|place| still(place, &stops[0]));
+    let back = sortie.back.iter().map(|place| still(place, &stops[stops.len() - 1]));
+    out.chain(stops.iter().enumerate().map(point)).chain(back).collect()
 }
 
 fn bounded(speed_mps: f64) -> f64 {
@@ -98,9 +101,10 @@ fn kml(document: Element) -> Element {
 }
 
 fn template(course: &Course, points: &[Point], made_ms: u64) -> Element {
+    let is_above_ground = course.altitudes == Altitudes::Terrain;
     let coordinates = Element::new("wpml:waylineCoordinateSysParam")
         .with_value("wpml:coordinateMode", "WGS84")
-        .with_value("wpml:heightMode", "relativeToStartPoint");
+        .with_value("wpml:heightMode", if is_above_ground { "aboveGroundLevel" } else { "relativeToStartPoint" });
     let groups = groups(course, points);
     let folder = Element::new("Folder")
         .with_value("wpml:templateType", "waypoint")
@@ -113,7 +117,7 @@ fn template(course: &Course, points: &[Point], made_ms: u64) -> Element {
         .with_value("wpml:globalWaypointTurnMode", "toPointAndPassWithContinuityCurvature")
         .with_value("wpml:globalUseStraightLine", 1)
         .with_all(points.iter().enumerate().map(|(index, point)| {
-            let height = decimal(point.place.above_takeoff_m);
+            let height = decimal(if is_above_ground { point.place.above_ground_m } else { point.place.above_takeoff_m });
             let place = placemark(index, point)
                 .with_value("wpml:ellipsoidHeight", &height)
                 .with_value("wpml:height", &height)

@@ -7,6 +7,8 @@ use proptest::prelude::*;
 
 use crate::camera::{Pose, Rig, direction_of};
 use crate::frame::Geodetic;
+use crate::scene::terrain::tests::hill;
+use crate::scene::{BlockSettings, Scene, Shape, Structure, StructureId, TERRAIN_NAME, generate_block};
 use crate::search::leg::headed;
 use crate::search::spacing::ImageSpacing;
 use crate::settings::Settings;
@@ -87,4 +89,18 @@ pub fn plan(rig: &str, corners: &[[f64; 3]]) -> Plan {
         convergence: Vec::new(),
         stop: StopReason::Complete,
     }
+}
+
+/// A hill of 60 m with a hut beside it, and a plan over the hill.
+pub fn over_a_hill() -> (Scene, Plan) {
+    let mut scene = generate_block(&BlockSettings { extent_m: [130.0, 130.0], buildings: 9, ..Default::default() });
+    scene.structures.truncate(1);
+    let shape = Shape::Terrain(hill(60.0, 150.0, 600.0, 10.0).into());
+    let name = TERRAIN_NAME.to_owned();
+    scene.structures.push(Structure { id: StructureId::of_name(&name), name, shape }.into());
+    scene.structures.sort_by_key(|structure| structure.id);
+    let corners = [[-200.0, 60.0, 90.0], [200.0, 60.0, 90.0], [200.0, -60.0, 100.0], [-200.0, -60.0, 100.0]];
+    let mut plan = plan("phantom4-rtk", &corners);
+    plan.scene.origin = scene.frame.origin;
+    (scene, plan)
 }

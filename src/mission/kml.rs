@@ -1,7 +1,9 @@
-//! KML of a plan for Google Earth and the like: the curve that is flown, its waypoints, its images. Heights are above the ground, which the plan takes for flat, or
-//! absolute.
+//! KML of a plan for Google Earth and the like: the curve that is flown, its waypoints, its images. Heights are absolute, or those above the ground of the scene,
+//! which a viewer counts from its own; without a scene the ground is the plane z = 0.
 
-use super::course::Altitudes;
+use nalgebra::Point3;
+
+use super::course::{Altitudes, Ground};
 use super::pictures::{Picture, pictures};
 use super::xml::Element;
 use crate::camera::pitch_rad;
@@ -10,31 +12,34 @@ use crate::quality::Which;
 use crate::trajectory::plan::{Image, Plan, Waypoint};
 
 /// The file's content; `None` for a plan without georeference.
-pub fn to_bytes(plan: &Plan, which: Which, altitudes: Altitudes) -> Option<Vec<u8>> {
+pub fn to_bytes(plan: &Plan, which: Which, altitudes: Altitudes, ground: Ground) -> Option<Vec<u8>> {
     let frame = LocalFrame { origin: plan.scene.origin };
     let origin = frame.origin?;
-    let coordinates = |place: &Geodetic| {
+    let above_ground_m = |at: &Point3<f64>| at.z - ground.height_m(at.x, at.y);
+    let coordinates = |at: &Point3<f64>, place: &Geodetic| {
         let height_m = match altitudes {
-            Altitudes::Relative => place.alt_m - origin.alt_m,
+            Altitudes::Relative | Altitudes::Terrain => above_ground_m(at),
             Altitudes::Absolute => place.alt_m,
         };
         format!("{:.9},{:.9},{height_m:.3}", place.lon_deg, place.lat_deg)
     };
     let mode = match altitudes {
-        Altitudes::Relative => "relativeToGround",
+        Altitudes::Relative | Altitudes::Terrain => "relativeToGround",
         Altitudes::Absolute => "absolute",
     };
-    let line: Option<Vec<String>> =
-        plan.flown_points().iter().map(|(point, _)| frame.geodetic_from_local(point).map(|place| coordinates(&place))).collect();
-    let line = Element::new("LineString").with_value("altitudeMode", mode).with_value("coordinates", line?.join(" "));
-    let point =
-        |place: &Geodetic| Element::new("Point").with_value("altitudeMode", mode).with_value("coordinates", coordinates(place));
+    let of_point = |at: &Point3<f64>| coordinates(at, &frame.geodetic_from_local(at).unwrap_or(origin));
+    let line: Vec<String> = flown_over(plan, ground).iter().map(of_point).collect();
+    let line = Element::new("LineString").with_value("altitudeMode", mode).with_value("coordinates", line.join(" "));
+    let point = |at: String| Element::new("Point").with_value("altitudeMode", mode).with_value("coordinates", at);
     let waypoint = |(index, waypoint): (usize, &Waypoint)| {
-        let place = frame.geodetic_from_local(&waypoint.position_m).unwrap_or(origin);
-        placemark(&format!("waypoint {index}"), &waypoint_text(waypoint), "#waypoint", point(&place))
+        let at = &waypoint.position_m;
+        let text = waypoint_text(waypoint, above_ground_m(at));
+        placemark(&format!("waypoint {index}"), &text, "#waypoint", point(of_point(at)))
     };
     let picture = |picture: &Picture| {
-        placemark(&picture.name, &image_text(picture.image), "#image", point(&picture.place.unwrap_or(origin)))
+        let at = &picture.image.position_m;
+        let text = image_text(picture.image, above_ground_m(at));
+        placemark(&picture.name, &text, "#image", point(coordinates(at, &picture.place.unwrap_or(origin))))
     };
     let document = Element::new("Document")
         .with_value("name", &plan.scene.name)
@@ -50,6 +55,14 @@ pub fn to_bytes(plan: &Plan, which: Which, altitudes: Altitudes) -> Option<Vec<u
                 .with_all(pictures(plan, which).iter().map(picture)),
         );
     Some(Element::new("kml").attribute("xmlns", "http://www.opengis.net/kml/2.2").with(document).to_bytes())
+}
+
+/// Points of the curve that is flown, and of its legs where the ground makes a line that follows it leave them.
+fn flown_over(plan: &Plan, ground: Ground) -> Vec<Point3<f64>> {
+    let points: Vec<Point3<f64>> = plan.flown_points().into_iter().map(|(point, _)| point).collect();
+    let with_relief =
+        |ends: &[Point3<f64>]| ground.relief(&ends[0], &ends[1]).into_iter().chain([ends[1]]).collect::<Vec<Point3<f64>>>();
+    points.first().copied().into_iter().chain(points.windows(2).flat_map(with_relief)).collect()
 }
 
 fn placemark(name: &str, description: &str, style: &str, geometry: Element) -> Element {
@@ -72,15 +85,14 @@ fn style_icon(id: &'static str, colour: &'static str, scale: &'static str) -> El
     Element::new("Style").attribute("id", id).with(icon).with(label)
 }
 
-fn waypoint_text(waypoint: &Waypoint) -> String {
-    let p = &waypoint.position_m;
+fn waypoint_text(waypoint: &Waypoint, above_ground_m: f64) -> String {
     let view = waypoint.direction.map_or(String::new(), |view| format!(", {}", view_text(&view)));
-    format!("{:.1} m above the ground{view}, corner rounded by up to {:.2} m", p.z, waypoint.deviation_m)
+    format!("{above_ground_m:.1} m above the ground{view}, corner rounded by up to {:.2} m", waypoint.deviation_m)
 }
 
-fn image_text(image: &Image) -> String {
+fn image_text(image: &Image, above_ground_m: f64) -> String {
     let view = image.direction.map_or("panorama".to_owned(), |view| view_text(&view));
-    format!("{:.1} s, {:.1} m above the ground, {view}", image.time_s, image.position_m.z)
+    format!("{:.1} s, {above_ground_m:.1} m above the ground, {view}", image.time_s)
 }
 
 fn view_text(view: &nalgebra::Unit<nalgebra::Vector3<f64>>) -> String {

@@ -1,13 +1,16 @@
-//! Litchi's mission CSV: one sortie, heights above the take-off place. Images are taken by distance, since actions may not be carried out where a corner is
-//! rounded; the aircraft comes home by its own return, from above everything.
+//! Litchi's mission CSV: one sortie, heights above the take-off place or, for the waypoints, above the ground, which Litchi takes from its own elevation data for each
+//! waypoint; between two of them the aircraft flies straight. Images are taken by distance, since actions may not be carried out where a corner is rounded; the
+//! aircraft comes home by its own return, from above everything.
 
-use super::course::{CameraMount, Course, Place, Sortie, Stop};
+use super::course::{Altitudes, CameraMount, Course, Place, Sortie, Stop};
 
 /// Actions that a row has room for.
 const ACTIONS: usize = 15;
 /// Litchi's word for "none" and "off".
 const OFF: &str = "-1";
 const GIMBAL_OFF: &str = "0";
+const ABOVE_TAKEOFF: &str = "0";
+const ABOVE_GROUND: &str = "1";
 const GIMBAL_INTERPOLATE: &str = "2";
 /// More waypoints than some aircraft hold.
 pub const MANY_WAYPOINTS: usize = 99;
@@ -19,15 +22,16 @@ pub fn to_bytes(course: &Course, sortie: &Sortie) -> Vec<u8> {
     put(header());
     let stops = &sortie.stops;
     let (first, last) = (&stops[0], &stops[stops.len() - 1]);
-    put(row(course, &above(&sortie.entry, first, course)));
-    stops.iter().for_each(|stop| put(row(course, stop)));
-    put(row(course, &above(&sortie.exit, last, course)));
+    sortie.out.iter().for_each(|place| put(row(course, &above(place, first, course), Altitudes::Relative)));
+    stops.iter().for_each(|stop| put(row(course, stop, course.altitudes)));
+    sortie.back.iter().for_each(|place| put(row(course, &above(place, last, course), Altitudes::Relative)));
     writer.into_inner().expect("memory takes everything")
 }
 
-/// The place above the first or the last stop, where no images are taken.
+/// A place on the way to the first or from the last stop, where no images are taken.
 fn above(place: &Place, stop: &Stop, course: &Course) -> Stop {
-    Stop { at: *place, deviation_m: 0.0, cut_m: 0.0, exposures: 0, spacing_m: None, speed_mps: course.cruise_mps, ..*stop }
+    let speed_mps = course.cruise_mps;
+    Stop { at: *place, deviation_m: 0.0, cut_m: 0.0, exposures: 0, spacing_m: None, speed_mps, ..stop.clone() }
 }
 
 fn header() -> Vec<String> {
@@ -52,12 +56,16 @@ fn header() -> Vec<String> {
     names
 }
 
-fn row(course: &Course, stop: &Stop) -> Vec<String> {
+fn row(course: &Course, stop: &Stop, altitudes: Altitudes) -> Vec<String> {
     let has_gimbal = course.mount == CameraMount::Gimbal;
+    let (height_m, altitude_mode) = match altitudes {
+        Altitudes::Terrain => (stop.at.above_ground_m, ABOVE_GROUND),
+        Altitudes::Relative | Altitudes::Absolute => (stop.at.above_takeoff_m, ABOVE_TAKEOFF),
+    };
     let mut fields = vec![
         format!("{:.9}", stop.at.geodetic.lat_deg),
         format!("{:.9}", stop.at.geodetic.lon_deg),
-        format!("{:.3}", stop.at.above_takeoff_m),
+        format!("{height_m:.3}"),
         format!("{:.2}", stop.heading_deg),
         format!("{:.2}", floored(stop.cut_m)),
         "0".to_owned(),
@@ -67,7 +75,7 @@ fn row(course: &Course, stop: &Stop) -> Vec<String> {
     fields.extend((0..ACTIONS).flat_map(|_| [OFF.to_owned(), "0".to_owned()]));
     let spacing = stop.spacing_m.map_or(OFF.to_owned(), |spacing_m| format!("{spacing_m:.2}"));
     let speed = format!("{:.2}", stop.speed_mps.max(0.1));
-    fields.extend(["0".to_owned(), speed]);
+    fields.extend([altitude_mode.to_owned(), speed]);
     fields.extend(["0", "0", "0", "0", OFF].map(str::to_owned));
     fields.push(spacing);
     fields

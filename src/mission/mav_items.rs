@@ -3,7 +3,7 @@
 //! Commands between two waypoints are carried out when the first one is reached, so that speed, camera trigger and gimbal are set before the waypoint that
 //! the leg leads to. An autopilot turns gimbal and nose at the beginning of a leg; the plan turns them evenly along it.
 
-use super::course::{Altitudes, CameraMount, Course, Place, Sortie, Stop};
+use super::course::{Altitudes, CameraMount, Course, CourseError, Place, Sortie, Stop};
 
 /// Whose dialect is spoken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,12 +12,22 @@ pub enum Autopilot {
     ArduPilot,
 }
 
+impl Autopilot {
+    /// Refuses what its missions cannot say.
+    pub fn check(self, altitudes: Altitudes) -> Result<(), CourseError> {
+        match (self, altitudes) {
+            (Self::Px4, Altitudes::Terrain) => Err(CourseError::TerrainFrame),
+            _ => Ok(()),
+        }
+    }
+}
+
 /// One mission item.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MavItem {
     /// MAV_CMD.
     pub command: u16,
-    /// MAV_FRAME: [`FRAME_ABSOLUTE`], [`FRAME_RELATIVE`] or [`FRAME_MISSION`].
+    /// MAV_FRAME: [`FRAME_ABSOLUTE`], [`FRAME_RELATIVE`], [`FRAME_TERRAIN`] or [`FRAME_MISSION`].
     pub frame: u8,
     /// Parameters 1 to 4; NaN for one that is left to the autopilot.
     pub params: [f64; 4],
@@ -25,11 +35,14 @@ pub struct MavItem {
     pub lat_deg: f64,
     pub lon_deg: f64,
     pub alt_m: f64,
+    /// The plan's waypoint that it leads to, if it does.
+    pub waypoint: Option<usize>,
 }
 
-/// A place with its height above mean sea level, one with its height above the take-off place, and no place.
+/// A place with its height above mean sea level, one with its height above the take-off place, one above the ground below, and no place.
 pub const FRAME_ABSOLUTE: u8 = 0;
 pub const FRAME_RELATIVE: u8 = 3;
+pub const FRAME_TERRAIN: u8 = 10;
 pub const FRAME_MISSION: u8 = 2;
 
 pub const WAYPOINT: u16 = 16;
@@ -64,11 +77,10 @@ pub const MANY_ITEMS: usize = 700;
 /// The items of a sortie, from take-off to the return.
 pub fn items(course: &Course, sortie: &Sortie, autopilot: Autopilot) -> Vec<MavItem> {
     let mut list = List { course, autopilot, items: Vec::new(), set: Set::default() };
-    let above_home = Place { above_takeoff_m: course.transit_m, ..course.home };
-    let above_home = Place { geodetic: raised(&course.home, course.transit_m), ..above_home };
+    let above_home = course.above_home();
     list.push_takeoff(&above_home);
     list.set_speed(course.cruise_mps);
-    list.push_transit(&sortie.entry);
+    sortie.out.iter().for_each(|place| list.push_transit(place));
     // The camera points ahead of the first stop, and the shutter begins there.
     for (k, stop) in sortie.stops.iter().enumerate() {
         let before = k.checked_sub(1).map(|before| &sortie.stops[before]);
@@ -77,18 +89,25 @@ pub fn items(course: &Course, sortie: &Sortie, autopilot: Autopilot) -> Vec<MavI
             list.set_trigger(before.spacing_m);
         }
         list.set_view(stop);
+        before.iter().flat_map(|before| &before.relief).for_each(|place| list.push_relief(place));
         list.push_stop(stop);
     }
     list.set_trigger(None);
     list.set_speed(course.cruise_mps);
-    list.push_transit(&sortie.exit);
+    sortie.back.iter().for_each(|place| list.push_transit(place));
     list.push_transit(&above_home);
     list.push_plain(RETURN_TO_LAUNCH, [0.0; 4]);
     list.items
 }
 
-fn raised(place: &Place, by_m: f64) -> crate::frame::Geodetic {
-    crate::frame::Geodetic { alt_m: place.geodetic.alt_m + by_m, ..place.geodetic }
+/// The way of a course from one place to another at the height of transit, and what stops the camera on it: for an aircraft that is elsewhere than its
+/// mission begins.
+pub fn way_items(course: &Course, places: &[Place], autopilot: Autopilot) -> Vec<MavItem> {
+    let mut list = List { course, autopilot, items: Vec::new(), set: Set::default() };
+    list.set_trigger(None);
+    list.set_speed(course.cruise_mps);
+    places.iter().for_each(|place| list.push_transit(place));
+    list.items
 }
 
 /// What has been set so far.
@@ -115,31 +134,42 @@ impl List<'_> {
 
     /// A command without a place, with all of its seven parameters.
     fn push_wide(&mut self, command: u16, params: [f64; 4], [lat_deg, lon_deg, alt_m]: [f64; 3]) {
-        self.items.push(MavItem { command, frame: FRAME_MISSION, params, lat_deg, lon_deg, alt_m });
+        self.items.push(MavItem { command, frame: FRAME_MISSION, params, lat_deg, lon_deg, alt_m, waypoint: None });
     }
 
-    fn push_at(&mut self, command: u16, params: [f64; 4], place: &Place) {
-        let frame = match self.course.altitudes {
-            Altitudes::Relative => FRAME_RELATIVE,
-            Altitudes::Absolute => FRAME_ABSOLUTE,
+    fn push_at(&mut self, command: u16, params: [f64; 4], place: &Place, altitudes: Altitudes, waypoint: Option<usize>) {
+        let (frame, alt_m) = match altitudes {
+            Altitudes::Relative => (FRAME_RELATIVE, place.above_takeoff_m),
+            Altitudes::Absolute => (FRAME_ABSOLUTE, place.geodetic.alt_m),
+            Altitudes::Terrain => (FRAME_TERRAIN, place.above_ground_m),
         };
         let (lat_deg, lon_deg) = (place.geodetic.lat_deg, place.geodetic.lon_deg);
-        self.items.push(MavItem { command, frame, params, lat_deg, lon_deg, alt_m: self.course.alt_m(place) });
+        self.items.push(MavItem { command, frame, params, lat_deg, lon_deg, alt_m, waypoint });
+    }
+
+    /// Take-off and the ways at one height are level wherever the ground is.
+    fn level(&self) -> Altitudes {
+        if self.course.altitudes == Altitudes::Terrain { Altitudes::Relative } else { self.course.altitudes }
     }
 
     fn push_takeoff(&mut self, above_home: &Place) {
-        self.push_at(TAKEOFF, [0.0, 0.0, 0.0, f64::NAN], above_home);
+        self.push_at(TAKEOFF, [0.0, 0.0, 0.0, f64::NAN], above_home, self.level(), None);
     }
 
     fn push_transit(&mut self, place: &Place) {
-        self.push_at(WAYPOINT, [0.0, TRANSIT_RADIUS_M, 0.0, f64::NAN], place);
+        self.push_at(WAYPOINT, [0.0, TRANSIT_RADIUS_M, 0.0, f64::NAN], place, self.level(), None);
+    }
+
+    /// On the way to the next stop, without a halt.
+    fn push_relief(&mut self, place: &Place) {
+        self.push_at(WAYPOINT, [0.0, TRANSIT_RADIUS_M, 0.0, f64::NAN], place, Altitudes::Terrain, None);
     }
 
     fn push_stop(&mut self, stop: &Stop) {
         // A vehicle that passes the waypoint no farther than this has turned as the plan allows.
         let (hold_s, radius_m) = if stop.deviation_m > 0.0 { (0.0, stop.deviation_m) } else { (HOLD_S, STOP_RADIUS_M) };
         let yaw_deg = if self.course.mount == CameraMount::Gimbal { stop.heading_deg } else { f64::NAN };
-        self.push_at(WAYPOINT, [hold_s, radius_m, 0.0, yaw_deg], &stop.at);
+        self.push_at(WAYPOINT, [hold_s, radius_m, 0.0, yaw_deg], &stop.at, self.course.altitudes, Some(stop.waypoint));
     }
 
     fn set_speed(&mut self, speed_mps: f64) {

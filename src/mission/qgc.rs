@@ -3,25 +3,28 @@
 use serde_json::{Value, json};
 
 use super::course::{Altitudes, Course, Fence, Place, Sortie};
-use super::mav_items::{Autopilot, FRAME_MISSION, MavItem, items};
+use super::mav_items::{Autopilot, FRAME_ABSOLUTE, FRAME_MISSION, FRAME_TERRAIN, MavItem, items};
 use crate::frame::Geodetic;
 
 /// MAV_AUTOPILOT and, for all, the vehicle's type: a multicopter.
 const FIRMWARE_PX4: u32 = 12;
 const FIRMWARE_ARDUPILOT: u32 = 3;
 const MULTICOPTER: u32 = 2;
-/// AltitudeMode: above the take-off place, above mean sea level.
+/// AltitudeMode: each item its own, above the take-off place, above mean sea level, above the terrain that the aircraft knows.
+const MODE_MIXED: u32 = 0;
 const MODE_RELATIVE: u32 = 1;
 const MODE_ABSOLUTE: u32 = 2;
+const MODE_TERRAIN: u32 = 4;
 
 /// The file's content, with a final newline.
 pub fn to_bytes(course: &Course, sortie: &Sortie, autopilot: Autopilot) -> Vec<u8> {
     let altitude_mode = match course.altitudes {
         Altitudes::Relative => MODE_RELATIVE,
         Altitudes::Absolute => MODE_ABSOLUTE,
+        Altitudes::Terrain => MODE_MIXED,
     };
     let items = items(course, sortie, autopilot);
-    let items: Vec<Value> = items.iter().enumerate().map(|(index, item)| simple_item(index + 1, item, altitude_mode)).collect();
+    let items: Vec<Value> = items.iter().enumerate().map(|(index, item)| simple_item(index + 1, item)).collect();
     let home = &course.home.geodetic;
     let file = json!({
         "fileType": "Plan",
@@ -56,7 +59,7 @@ pub fn to_bytes(course: &Course, sortie: &Sortie, autopilot: Autopilot) -> Vec<u
 }
 
 /// Parameters that are left to the autopilot (NaN) become null.
-fn simple_item(number: usize, item: &MavItem, altitude_mode: u32) -> Value {
+fn simple_item(number: usize, item: &MavItem) -> Value {
     let [p1, p2, p3, p4] = item.params;
     let mut value = json!({
         "type": "SimpleItem",
@@ -68,7 +71,11 @@ fn simple_item(number: usize, item: &MavItem, altitude_mode: u32) -> Value {
     });
     if item.frame != FRAME_MISSION {
         value["Altitude"] = json!(item.alt_m);
-        value["AltitudeMode"] = json!(altitude_mode);
+        value["AltitudeMode"] = json!(match item.frame {
+            FRAME_ABSOLUTE => MODE_ABSOLUTE,
+            FRAME_TERRAIN => MODE_TERRAIN,
+            _ => MODE_RELATIVE,
+        });
         value["AMSLAltAboveTerrain"] = Value::Null;
     }
     value

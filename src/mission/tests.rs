@@ -7,11 +7,13 @@ use proptest::prelude::*;
 use roxmltree::{Document, Node};
 use serde_json::Value;
 
-use super::course::{Course, CourseError, CourseOptions};
-use super::fixture::{plan, rough_corners};
-use super::mav_items::Autopilot;
+use super::course::{Altitudes, Course, CourseError, CourseOptions, Ground};
+use super::fixture::{over_a_hill, plan, rough_corners};
+use super::mav_items::{self, Autopilot};
 use super::{colmap, dji, footprints, geojson, kml, litchi, qgc, tables, waypoints};
 use crate::quality::Which;
+use crate::scene::free_space::FreeSpace;
+use crate::settings::Settings;
 use crate::trajectory::plan::Plan;
 
 const RIGS: [&str; 4] = ["panoramic", "m300-oblique", "phantom4-rtk", "mavic3e"];
@@ -64,7 +66,7 @@ proptest! {
             let marks = placemarks(&waylines);
             prop_assert_eq!(marks.len(), sortie.stops.len() + 2);
             prop_assert_eq!(placemarks(&template).len(), marks.len());
-            let places: Vec<_> = std::iter::once(&sortie.entry).chain(sortie.stops.iter().map(|stop| &stop.at)).chain([&sortie.exit]).collect();
+            let places: Vec<_> = sortie.out.iter().chain(sortie.stops.iter().map(|stop| &stop.at)).chain(&sortie.back).collect();
             let damping_m = |k: usize| value(&marks[k], "waypointTurnDampingDist").map_or(0.0, |text| text.parse::<f64>().unwrap());
             let mut groups = 0;
             for (k, mark) in marks.iter().enumerate() {
@@ -107,14 +109,16 @@ proptest! {
             let items = file["mission"]["items"].as_array().unwrap();
             let first = |command: u64| items.iter().position(|item| item["command"] == command).unwrap_or(usize::MAX);
             prop_assert!(items.iter().enumerate().all(|(index, item)| item["doJumpId"] == index + 1 && item["params"].as_array().unwrap().len() == 7));
-            prop_assert!(first(178) < first(16) && first(206) < items.len() && items[first(206)]["params"][0].as_f64() > Some(0.0));
+            prop_assert!(first(178) < first(16) && first(206) < items.len());
+            let has_exposures = sortie.stops.iter().any(|stop| stop.exposures > 0);
+            prop_assert_eq!(items[first(206)]["params"][0].as_f64() > Some(0.0), has_exposures);
             prop_assert!(items.iter().all(|item| !item["params"][4].is_null() && !item["params"][5].is_null() && !item["params"][6].is_null()));
             let rows = text(litchi::to_bytes(&course, sortie));
             prop_assert!(rows.lines().all(|row| row.split(',').count() == 46) && !rows.contains("NaN") && !rows.contains("inf"));
             prop_assert_eq!(rows.lines().count(), sortie.stops.len() + 3);
         }
         let files = [
-            kml::to_bytes(&plan, Which::All, course.altitudes).unwrap(),
+            kml::to_bytes(&plan, Which::All, course.altitudes, Ground::default()).unwrap(),
             geojson::to_bytes(&plan, Which::All).unwrap(),
             tables::images(&plan, Which::All),
             tables::waypoints(&plan),
@@ -154,7 +158,7 @@ fn a_thousand_waypoints_are_written_and_none_is_lost() {
     let kmz = timed("dji", &|| dji::to_bytes(&course, sortie, 0));
     assert_eq!(unpacked(kmz, "wpmz/waylines.wpml").matches("<Placemark>").count(), 1002);
     assert_eq!(text(timed("litchi", &|| litchi::to_bytes(&course, sortie))).lines().count(), 1003);
-    let map = text(timed("kml", &|| kml::to_bytes(&plan, Which::All, course.altitudes).unwrap()));
+    let map = text(timed("kml", &|| kml::to_bytes(&plan, Which::All, course.altitudes, Ground::default()).unwrap()));
     assert_eq!(map.matches("<Placemark>").count(), 1 + 1000 + plan.images.len());
     let map: Value = serde_json::from_slice(&timed("geojson", &|| geojson::to_bytes(&plan, Which::All).unwrap())).unwrap();
     assert_eq!(map["features"].as_array().map(Vec::len), Some(1 + 1000 + plan.images.len()));
@@ -171,4 +175,67 @@ fn a_thousand_waypoints_are_written_and_none_is_lost() {
     let shown: Value =
         serde_json::from_slice(&timed("footprints", &|| footprints::to_bytes(&plan, Which::All).unwrap())).unwrap();
     assert_eq!(shown["features"].as_array().map(Vec::len), Some(plan.images.len()));
+}
+
+#[test]
+fn heights_above_the_ground_are_written_in_each_formats_way() {
+    let (scene, plan) = over_a_hill();
+    let free = FreeSpace::new(&scene, &Settings::default().flight).unwrap();
+    let course = |altitudes| Course::new(&plan, Some(&free), &CourseOptions { altitudes, ..CourseOptions::default() }).unwrap();
+    let (above_ground, above_takeoff) = (course(Altitudes::Terrain), course(Altitudes::Relative));
+    let terrain = free.terrain().unwrap();
+    let (course, sortie) = (&above_ground, &above_ground.sorties[0]);
+    let expected: Vec<f64> = sortie
+        .stops
+        .iter()
+        .map(|stop| {
+            let at = plan.waypoints[stop.waypoint].position_m;
+            at.z - terrain.height_m(at.x, at.y)
+        })
+        .collect();
+    let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-3, "{found} instead of {expected}");
+
+    assert!(Autopilot::Px4.check(Altitudes::Terrain).is_err() && Autopilot::Px4.check(Altitudes::Absolute).is_ok());
+    let file: Value = serde_json::from_slice(&qgc::to_bytes(course, sortie, Autopilot::ArduPilot)).unwrap();
+    let items = file["mission"]["items"].as_array().unwrap();
+    let in_frame = |frame: u64| items.iter().filter(move |item| item["frame"] == frame);
+    assert!(in_frame(10).all(|item| item["AltitudeMode"] == 4 && item["command"] == 16));
+    assert!(in_frame(3).all(|item| item["AltitudeMode"] == 1) && file["mission"]["globalPlanAltitudeMode"] == 0);
+    assert_eq!(in_frame(3).count(), 2 + sortie.out.len() + sortie.back.len(), "take-off, out, back and above home");
+    let relief: usize = sortie.stops.iter().map(|stop| stop.relief.len()).sum();
+    assert_eq!(in_frame(10).count(), sortie.stops.len() + relief);
+    assert!(relief > 10);
+    let leads = mav_items::items(course, sortie, Autopilot::ArduPilot).into_iter().filter(|item| item.waypoint.is_some());
+    leads.zip(&expected).for_each(|(item, expected)| near(item.alt_m, *expected));
+    let rows = text(waypoints::to_bytes(course, sortie));
+    let frames: Vec<&str> = rows.lines().skip(1).filter_map(|row| row.split('\t').nth(2)).collect();
+    assert_eq!(frames.iter().filter(|frame| **frame == "10").count(), sortie.stops.len() + relief);
+
+    let rows = text(litchi::to_bytes(course, sortie));
+    let fields = |row: &str| row.split(',').map(str::to_owned).collect::<Vec<_>>();
+    let rows: Vec<Vec<String>> = rows.lines().skip(1).map(fields).collect();
+    let (out, stops) = (sortie.out.len(), sortie.stops.len());
+    assert!(rows[out..out + stops].iter().all(|row| row[38] == "1") && rows[..out].iter().all(|row| row[38] == "0"));
+    rows[out..].iter().zip(&expected).for_each(|(row, expected)| near(row[2].parse().unwrap(), *expected));
+
+    let kmz = dji::to_bytes(course, sortie, 0);
+    let (template, waylines) = (unpacked(kmz.clone(), "wpmz/template.kml"), unpacked(kmz, "wpmz/waylines.wpml"));
+    assert!(
+        template.contains("<wpml:heightMode>aboveGroundLevel<")
+            && waylines.contains("<wpml:executeHeightMode>relativeToStartPoint<")
+    );
+    let document = Document::parse(&template).unwrap();
+    let heights: Vec<f64> =
+        document.descendants().filter(|node| node.tag_name().name() == "Placemark").map(|mark| number(&mark, "height")).collect();
+    heights[out..].iter().zip(&expected).for_each(|(height_m, expected)| near(*height_m, *expected));
+    let flown = unpacked(dji::to_bytes(&above_takeoff, &above_takeoff.sorties[0], 0), "wpmz/waylines.wpml");
+    assert_eq!(waylines, flown, "the aircraft flies the same");
+
+    let map = text(kml::to_bytes(&plan, Which::All, Altitudes::Terrain, Ground::of(Some(&free))).unwrap());
+    let document = Document::parse(&map).unwrap();
+    let line = document.descendants().find(|node| node.tag_name().name() == "LineString").unwrap();
+    let coordinates = value(&line, "coordinates").unwrap();
+    assert!(coordinates.split(' ').count() > plan.flown_points().len() + 10, "the line follows the hill");
+    near(coordinates.split(' ').next().unwrap().split(',').nth(2).unwrap().parse().unwrap(), expected[0]);
+    assert_eq!(value(&line, "altitudeMode"), Some("relativeToGround"));
 }

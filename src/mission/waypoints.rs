@@ -15,6 +15,7 @@ pub fn to_bytes(course: &Course, sortie: &Sortie) -> Vec<u8> {
         lat_deg: home.lat_deg,
         lon_deg: home.lon_deg,
         alt_m: home.alt_m,
+        waypoint: None,
     };
     let mut text = format!("{HEADER}\n");
     for (index, item) in std::iter::once(home).chain(items(course, sortie, Autopilot::ArduPilot)).enumerate() {
@@ -24,7 +25,7 @@ pub fn to_bytes(course: &Course, sortie: &Sortie) -> Vec<u8> {
 }
 
 fn row(index: usize, item: &MavItem) -> String {
-    let MavItem { command, frame, params, lat_deg, lon_deg, alt_m } = item;
+    let MavItem { command, frame, params, lat_deg, lon_deg, alt_m, .. } = item;
     let [p1, p2, p3, p4] = params.map(|value| if value.is_nan() { 0.0 } else { value });
     let current = u8::from(index == 0);
     format!(

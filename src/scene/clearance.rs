@@ -97,11 +97,20 @@ impl Clearance {
 
     /// Distance of the segment to the nearest triangle, m; `cap_m` when that is farther.
     pub fn segment_distance_m(&self, a: &Point3<f64>, b: &Point3<f64>, cap_m: f64) -> f64 {
+        self.segment_distance_to_m(a, b, cap_m, |_| true)
+    }
+
+    /// The same to what stands on the ground: the terrain does not count.
+    pub fn standing_segment_distance_m(&self, a: &Point3<f64>, b: &Point3<f64>, cap_m: f64) -> f64 {
+        self.segment_distance_to_m(a, b, cap_m, |body| !body.is_ground)
+    }
+
+    fn segment_distance_to_m(&self, a: &Point3<f64>, b: &Point3<f64>, cap_m: f64, counts: impl Fn(&Body) -> bool) -> f64 {
         let inverse = (b - a).map(|d| 1.0 / d);
         // The slab test gives no distance, so a box counts as near when the segment meets it grown by the cap.
         self.least(
             cap_m,
-            |_| true,
+            counts,
             |node| if segment_meets_box(a, &inverse, node, cap_m) { 0.0 } else { f64::INFINITY },
             |triangle| segment_triangle_squared(a, b, triangle),
         )

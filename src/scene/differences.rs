@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::bounds::Bounds;
-use super::proxy::{NoFlyZone, Scene, Structure};
+use super::proxy::{Scene, Structure};
 
 /// What two scenes do not have in common.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -37,11 +37,12 @@ impl Differences {
             differences.kept.push(kept);
         }
         differences.gone.extend(old.map(|(_, gone)| gone.bounds()));
-        let only = |these: &[NoFlyZone], others: &[NoFlyZone]| {
-            these.iter().filter(|zone| !others.contains(zone)).filter_map(NoFlyZone::bounds).collect::<Vec<_>>()
+        let only = |these: &Scene, others: &Scene| {
+            let gone = these.zones.iter().filter(|zone| !others.zones.contains(zone));
+            gone.filter_map(|zone| zone.bounds(these.terrain())).collect::<Vec<_>>()
         };
-        differences.barred = only(&before.zones, &after.zones);
-        differences.barred.extend(only(&after.zones, &before.zones));
+        differences.barred = only(before, after);
+        differences.barred.extend(only(after, before));
         differences
     }
 

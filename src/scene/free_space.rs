@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use geo::{Area, Intersects, Validation};
+use geo::{Area, Validation};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -153,9 +153,11 @@ impl FreeSpace {
     /// Why the straight leg from `a` to `b` is not safe over its whole length, given that both ends are safe positions.
     pub fn obstruction_between(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
         // The limits are a box, and so convex: two ends inside keep the leg inside.
-        if let Some(cause) = self.altitude_between(a, b) {
-            return Some(cause);
-        }
+        self.altitude_between(a, b).or_else(|| self.obstruction_at_any_altitude(a, b))
+    }
+
+    /// The same, however high above the terrain the leg is.
+    pub fn obstruction_at_any_altitude(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
         if !self.clearance.keeps_distance(a, b, self.safety_distance_m) {
             let distance_m = self.clearance.segment_distance_m(a, b, self.safety_distance_m);
             return Some(Obstruction::TooNear { distance_m, safety_m: self.safety_distance_m });
@@ -185,7 +187,7 @@ impl FreeSpace {
 
     /// The no-fly zone that the straight line from `a` to `b` enters, if any.
     pub fn zone_between(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
-        self.zones.iter().find(|zone| zone.meets(a, b)).map(|zone| Obstruction::Zone(zone.name.clone()))
+        self.zones.iter().find(|zone| zone.meets(a, b, self.terrain())).map(|zone| Obstruction::Zone(zone.name.clone()))
     }
 
     /// A structure that the leg, which keeps its distance from all surfaces, is inside of: through a large hole of a mesh.
@@ -210,7 +212,7 @@ impl FreeSpace {
         self.limits.contains(p)
             && self.keeps_altitude(p, p)
             && self.clearance.keeps_distance(p, p, self.safety_distance_m)
-            && !self.zones.iter().any(|zone| zone.meets(p, p))
+            && !self.zones.iter().any(|zone| zone.meets(p, p, self.terrain()))
             && self.structure_around(p).is_none()
     }
 
@@ -218,7 +220,7 @@ impl FreeSpace {
     pub fn is_leg_safe(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
         self.keeps_altitude(a, b)
             && self.clearance.keeps_distance(a, b, self.safety_distance_m)
-            && !self.zones.iter().any(|zone| zone.meets(a, b))
+            && !self.zones.iter().any(|zone| zone.meets(a, b, self.terrain()))
             && self.structure_along(a, b).is_none()
     }
 
@@ -281,33 +283,6 @@ fn zone(setting: &NoFlySetting, frame: &LocalFrame) -> Result<NoFlyZone, ZoneErr
     }
     let (floor_m, ceiling_m) = (setting.floor_m, setting.ceiling_m);
     Ok(NoFlyZone { name: setting.name.clone(), outline, floor_m, ceiling_m, source: ZoneSource::Configuration })
-}
-
-impl NoFlyZone {
-    /// The box around the zone, m; `None` for one that lies far away.
-    pub fn bounds(&self) -> Option<Bounds> {
-        Bounds::above(&self.outline, self.floor_m, self.ceiling_m)
-    }
-
-    /// Whether the segment from `a` to `b` enters the zone; its border belongs to it.
-    fn meets(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
-        let Some((enter, leave)) = share_between(a.z, b.z, self.floor_m, self.ceiling_m) else {
-            return false;
-        };
-        let at = |t: f64| geo::Coord { x: a.x + (b.x - a.x) * t, y: a.y + (b.y - a.y) * t };
-        let (from, to) = (at(enter), at(leave));
-        if from == to { self.outline.intersects(&from) } else { self.outline.intersects(&geo::Line::new(from, to)) }
-    }
-}
-
-/// The part of 0..1 in which the height from `z0` to `z1` lies within `floor..ceiling`.
-fn share_between(z0: f64, z1: f64, floor: f64, ceiling: f64) -> Option<(f64, f64)> {
-    if z0 == z1 {
-        return (floor..=ceiling).contains(&z0).then_some((0.0, 1.0));
-    }
-    let (t0, t1) = ((floor - z0) / (z1 - z0), (ceiling - z0) / (z1 - z0));
-    let (enter, leave) = (t0.min(t1).max(0.0), t0.max(t1).min(1.0));
-    (enter <= leave).then_some((enter, leave))
 }
 
 /// The box of admissible positions above the structures that are to be captured; empty (it contains nothing) without any.

@@ -76,13 +76,30 @@ pub(crate) fn heights(properties: &Map<String, Value>, settings: &ProxySettings,
     Heights { base_m, top_m, missing }
 }
 
-/// Floor and ceiling of a no-fly zone; the ceiling of a zone without a height is [`f64::MAX`]. What is given must be readable
+/// What zones of flight services (ED-269, ED-318) say of their heights, and what of it is metres above the ground. Whatever else stands there cannot be kept.
+const ZONE_REFERENCES: [(&[&str], &[&str]); 2] = [
+    (
+        &["verticalReference", "lowerVerticalReference", "upperVerticalReference", "lowerReference", "upperReference"],
+        &["AGL", "SFC", "GND"],
+    ),
+    (&["uom", "uomDimensions"], &["M", "m"]),
+];
+
+/// Floor and ceiling of a no-fly zone above the ground below; the ceiling of a zone without a height is [`f64::MAX`]. What is given must be readable
 /// without doubt: the error says what is not, and what to do about it.
 pub(crate) fn zone_heights(
     properties: &Map<String, Value>,
     repairs: &mut Vec<Repair>,
 ) -> Result<(f64, f64), (String, &'static str)> {
     const REMEDY: &str = "write `min_height` and `height` as numbers (metres above ground), or leave `height` out for no ceiling";
+    for (key, known) in ZONE_REFERENCES.iter().flat_map(|(keys, known)| keys.iter().map(move |key| (*key, *known))) {
+        let Some(value) = properties.get(key).filter(|value| !value.is_null()) else { continue };
+        let is_known = value.as_str().is_some_and(|text| known.iter().any(|known| text.trim().eq_ignore_ascii_case(known)));
+        if !is_known {
+            let shown: String = value.to_string().chars().take(40).collect();
+            return Err((format!("says that its heights are of another kind (`{key}` is {shown})"), REMEDY));
+        }
+    }
     let mut read = |key: &str| -> Result<Option<f64>, (String, &'static str)> {
         let Some(value) = properties.get(key).filter(|value| !value.is_null()) else { return Ok(None) };
         let found = single_length(value).map_err(|reason| (format!("has a `{key}` that {reason}"), REMEDY))?;

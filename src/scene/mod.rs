@@ -26,6 +26,7 @@ mod locate;
 mod meshes;
 mod names;
 mod neighbours;
+mod no_fly;
 mod obj;
 mod orient;
 mod osm_pbf;

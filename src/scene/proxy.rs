@@ -97,7 +97,7 @@ impl Shape {
     }
 }
 
-/// A polygon that the drone must not enter between two heights above the ground plane. A zone without a ceiling has
+/// A polygon that the drone must not enter between two heights above the ground below: the terrain, or the plane z = 0. A zone without a ceiling has
 /// `ceiling_m` = [`f64::MAX`]. The outline ends far outside of where any flight goes; that of a zone wholly outside is empty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoFlyZone {

@@ -97,11 +97,26 @@ impl Terrain {
     /// triangles, so that both lie where the line passes one, or at its ends.
     pub fn altitudes_m(&self, a: &Point3<f64>, b: &Point3<f64>) -> [f64; 2] {
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
-        let mut look = |share: f64| {
+        self.for_each_side(a, b, |share| {
             let p = a + (b - a) * share;
             let altitude_m = p.z - self.height_m(p.x, p.y);
             range = [range[0].min(altitude_m), range[1].max(altitude_m)];
-        };
+        });
+        range
+    }
+
+    /// Where the straight line from `a` to `b`, seen from above, passes the sides of the triangles, as shares of it and in their order, with both of its
+    /// ends: between two of them the ground rises evenly.
+    pub fn sides_passed(&self, a: &Point3<f64>, b: &Point3<f64>) -> Vec<f64> {
+        let mut shares = Vec::new();
+        self.for_each_side(a, b, |share| shares.push(share));
+        shares.sort_by(f64::total_cmp);
+        shares.dedup();
+        shares
+    }
+
+    /// Shows both ends of a line, 0 and 1, and the shares of it at which it passes a side of a triangle.
+    fn for_each_side(&self, a: &Point3<f64>, b: &Point3<f64>, mut look: impl FnMut(f64)) {
         look(0.0);
         look(1.0);
         let in_cells = |p: &Point3<f64>| [(p.x - self.origin[0]) / self.cell_m, (p.y - self.origin[1]) / self.cell_m];
@@ -116,7 +131,6 @@ impl Terrain {
                 look(((low + k as f64 - from) / (to - from)).clamp(0.0, 1.0));
             }
         }
-        range
     }
 
     /// Whether a point lies in the ground.

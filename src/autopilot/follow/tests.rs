@@ -8,7 +8,14 @@ fn mission(rig: &str) -> Arc<Mission> {
     let corners: Vec<[f64; 3]> = (0..12).map(|k| [50.0 * f64::from(k % 4), 60.0 * f64::from(k / 4), 40.0]).collect();
     let new = NewPlan { epoch: 7, plan: Arc::new(fixture::plan(rig, &corners)), differs_from: None };
     let options = CourseOptions { sortie_s: Some(3000.0), ..CourseOptions::default() };
-    Arc::new(Mission::new(&new, &options, 1, Autopilot::Px4, None).unwrap())
+    Arc::new(
+        Mission::new(
+            &new,
+            &crate::autopilot::mission::MissionOptions { course: &options, free: None, sortie: 1, autopilot: Autopilot::Px4 },
+            None,
+        )
+        .unwrap(),
+    )
 }
 
 /// What the wire says of an aircraft at a local place.

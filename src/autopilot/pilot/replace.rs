@@ -3,16 +3,24 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use nalgebra::Point3;
+
 use super::{AIRBORNE_MM, ATTEMPTS, MOST_LEAD, PAUSE, PLANNING, POSITION_WAIT, Pilot, Vehicle, Work};
 use crate::autopilot::command::{Command, Order, SetCurrent};
+use crate::autopilot::dialect::GLOBAL_POSITION_INT_DATA;
 use crate::autopilot::follow::{self, Fix, Progress};
-use crate::autopilot::mission::{self, Join, Mission, MissionError, NewPlan};
+use crate::autopilot::mission::{self, Join, Joined, Mission, MissionError, MissionOptions, NewPlan};
 use crate::autopilot::notice::{End, Notice};
 use crate::autopilot::upload::Upload;
 use crate::mission::course::{CourseOptions, HomeChoice};
 
 /// An aircraft that is in the air without a mission of ours joins the plan where it is no farther from it than this, m.
 const NEAR_M: f64 = 30.0;
+/// An aircraft that is farther from the path that it goes over to does not fly there straight, m: nothing is known of what stands between.
+const STRAIGHT_M: f64 = 10.0;
+/// At rest it is no faster than this in any direction, cm/s, and it is after this time.
+const REST_CMPS: i16 = 50;
+const BRAKES: Duration = Duration::from_secs(10);
 
 impl Pilot {
     /// Takes a plan to be flown from the next safe waypoint on. One that is on its way up gives way to it.
@@ -87,8 +95,10 @@ impl Pilot {
         if !knows_home && now < vehicle.found + POSITION_WAIT {
             return;
         }
-        let mission = match self.mission(&new, vehicle) {
-            Ok(mission) => Arc::new(mission),
+        let mission = match self.mission(&new, vehicle, now) {
+            Ok(Some(mission)) => Arc::new(mission),
+            // It comes to rest first.
+            Ok(None) => return,
             Err(error) => return self.on_unfit(&new, error),
         };
         self.attempt += 1;
@@ -105,19 +115,57 @@ impl Pilot {
         }
     }
 
-    /// The mission of a plan for an aircraft that is where ours is.
-    fn mission(&self, new: &NewPlan, vehicle: Vehicle) -> Result<Mission, MissionError> {
+    /// The mission of a plan for an aircraft that is where ours is; none while it has to come to rest for it.
+    fn mission(&mut self, new: &NewPlan, vehicle: Vehicle, now: Duration) -> Result<Option<Mission>, MissionError> {
         let flown = self.progress.as_ref();
         let home = flown.map(|progress| progress.mission.home).or(self.options.course.home).or_else(|| self.place());
         let options = CourseOptions { home, ..self.options.course.clone() };
         // A path from the pose of an aircraft in the air is the rest of a sortie.
         let is_under_way = flown.is_some_and(Progress::is_under_way);
         let sortie = if is_under_way { 1 } else { self.options.sortie };
-        let plain = Mission::new(new, &options, sortie, vehicle.autopilot, None)?;
-        match self.join(&plain, new, 0) {
-            Some(join) => Mission::new(new, &options, sortie, vehicle.autopilot, Some(join.waypoint)),
-            None => Ok(plain),
+        let free = self.options.free.clone();
+        let options = MissionOptions { course: &options, free: free.as_deref(), sortie, autopilot: vehicle.autopilot };
+        let plain = Mission::new(new, &options, None)?;
+        let Some(join) = self.join(&plain, new, 0) else { return Ok(Some(plain)) };
+        let from_m = self.far_off(&join, new, &plain);
+        if from_m.is_some() && is_under_way && !self.is_at_rest(join.off_m, now) {
+            return Ok(None);
         }
+        Mission::new(new, &options, Some(Joined { waypoint: join.waypoint, from_m })).map(Some)
+    }
+
+    /// Where an aircraft is that must not fly straight to the path that it goes over to.
+    fn far_off(&self, join: &Join, new: &NewPlan, mission: &Mission) -> Option<Point3<f64>> {
+        let (position, _) = self.position.as_ref().filter(|_| join.off_m > STRAIGHT_M)?;
+        let position_m = follow::local(mission, position.lat, position.lon, position.relative_alt)?;
+        // The leg that it flies may lead to where the new path begins.
+        let flown =
+            self.progress.as_ref().and_then(|progress| progress.ahead().map(|ahead| (&progress.mission.plan.waypoints, ahead)));
+        let leads_there = flown.is_some_and(|(waypoints, ahead)| {
+            let ends = ahead.checked_sub(1).and_then(|before| waypoints.get(before)).zip(waypoints.get(ahead));
+            ends.is_some_and(|(from, to)| {
+                let off_m = |p: &Point3<f64>| mission::away(p, &from.position_m, &to.position_m).norm();
+                join.waypoint == 0
+                    && off_m(&new.plan.waypoints[0].position_m) < STRAIGHT_M / 2.0
+                    && off_m(&position_m) < STRAIGHT_M
+            })
+        });
+        (!leads_there).then_some(position_m)
+    }
+
+    /// Whether an aircraft is at rest; one that is not is told to hold.
+    fn is_at_rest(&mut self, off_m: f64, now: Duration) -> bool {
+        if !self.is_held {
+            self.is_held = true;
+            self.orders.push_back(Order::Hold);
+            self.notices.push(Notice::FarOff { off_m });
+        }
+        let latest = *self.at_rest.get_or_insert(now + BRAKES);
+        let is_slow = |position: &GLOBAL_POSITION_INT_DATA| {
+            [position.vx, position.vy, position.vz].iter().all(|speed| speed.unsigned_abs() <= REST_CMPS.unsigned_abs())
+        };
+        let has_obeyed = self.command.is_none() && self.orders.is_empty();
+        now >= latest || (has_obeyed && self.position.as_ref().is_some_and(|(position, _)| is_slow(position)))
     }
 
     /// Where an aircraft that is under way goes over to a mission, looked for from a waypoint of it on.
@@ -153,10 +201,15 @@ impl Pilot {
         let from = mission.waypoint_ahead(begun).map_or(0, |waypoint| waypoint.saturating_sub(1));
         let new = self.wanted.clone().filter(|wanted| is_same(epoch, &mission.plan, wanted));
         let join = new.and_then(|new| self.join(&mission, &new, from));
-        let target = match join.and_then(|join| mission.stop_from(join.waypoint)) {
-            Some(stop) => {
-                let next = mission.stops.iter().find(|next| next.item > stop.item);
-                Some((stop.begins, next.map_or(stop.item + 1, |next| next.item)))
+        let goes_on = join.and_then(|join| {
+            let (position, _) = self.position.as_ref()?;
+            let position_m = follow::local(&mission, position.lat, position.lon, position.relative_alt)?;
+            mission.goes_on(join.waypoint, &position_m)
+        });
+        let target = match goes_on {
+            Some([item, last]) => {
+                let next = mission.stops.iter().find(|next| next.item > last);
+                Some((mission.way_in.unwrap_or(item), next.map_or(last + 1, |next| next.item)))
             }
             // On its way to the beginning of the plan: the way out, not another take-off.
             None if self.is_airborne() => mission.stops.first().map(|stop| (stop.begins.saturating_sub(1), stop.item)),
@@ -182,6 +235,7 @@ impl Pilot {
             self.wanted = None;
         }
         self.attempt = 0;
+        self.at_rest = None;
         let is_first = self.progress.is_none();
         let before = self.progress.take();
         let fix: Option<Fix> = before.as_ref().and_then(|before| before.fix);

@@ -16,6 +16,7 @@ fn options() -> PilotOptions {
         system: None,
         autopilot: None,
         course: CourseOptions { sortie_s: Some(3000.0), ..CourseOptions::default() },
+        free: None,
         sortie: 1,
         starts: false,
         holds: true,
@@ -266,6 +267,38 @@ fn an_upload_gives_way_to_a_newer_plan_and_begins_again_when_the_link_is_back() 
     field.is_silent = true;
     field.run(100.0);
     assert!(matches!(field.pilot.outcome(), Some(Err(PilotError::Lost { .. }))), "not for ever");
+}
+
+#[test]
+fn a_path_far_away_is_reached_over_everything() {
+    let (old, far) = (plan(&corners(0.0)), plan(&[[150.0, 200.0, 30.0], [250.0, 200.0, 30.0], [250.0, 260.0, 30.0]]));
+    let mut field = Field::new(options());
+    field.place(&old, [0.0, 0.0, 0.0]);
+    field.fly(5, &old, None);
+    field.run(2.0);
+    field.head_to(&old, 4, [170.0, 1.0, 40.0]);
+    field.fly(6, &far, Some((5, 0)));
+    field.run(3.0);
+    assert_eq!(field.commands, [[1.0, 4.0, 3.0]], "it holds");
+    assert!(
+        field.notices.iter().any(|notice| matches!(notice, Notice::FarOff { off_m } if *off_m > 190.0)),
+        "{:?}",
+        field.notices
+    );
+    assert_eq!(field.joined(), None, "and nothing is uploaded while it moves");
+    (field.position.vx, field.position.vy) = (20, 0);
+    field.run(3.0);
+    assert_eq!((field.joined(), field.commands.last()), (Some((6, 1)), Some(&[1.0, 4.0, 4.0])), "{:?}", field.notices);
+    // Up where it is, across, and down to the path, with the camera off.
+    let frame = crate::frame::LocalFrame { origin: far.scene.origin };
+    let way = &field.mission[field.current..=field.item_of(&far, 1)];
+    assert_eq!((way[0].command, way[0].param1), (MavCmd::MAV_CMD_DO_SET_CAM_TRIGG_DIST, 0.0));
+    let places = way.iter().filter(|item| item.command == MavCmd::MAV_CMD_NAV_WAYPOINT).map(|item| {
+        let place = crate::frame::Geodetic { lat_deg: f64::from(item.x) * 1e-7, lon_deg: f64::from(item.y) * 1e-7, alt_m: 3.5 };
+        let at = frame.local_from_geodetic(&place).unwrap();
+        [at.x.round(), at.y.round(), f64::from(item.z).round()]
+    });
+    assert_eq!(places.collect::<Vec<_>>(), [[170.0, 1.0, 40.0], [250.0, 200.0, 40.0], [250.0, 200.0, 30.0]]);
 }
 
 #[test]

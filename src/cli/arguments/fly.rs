@@ -3,7 +3,8 @@
 use clap::Args;
 
 use super::Reach;
-use super::export::{AutopilotChoice, HomeText};
+use super::course::CourseArgs;
+use super::export::AutopilotChoice;
 use crate::autopilot::link::Place;
 use crate::cli::values::{self, Meters3};
 
@@ -13,9 +14,11 @@ use crate::cli::values::{self, Meters3};
     waypoint, the waypoints with speed, camera trigger and gimbal, and the way home. Nothing is armed or started without --start. With a loaded scene the \
     daemon is told how far the flight has come, and each newer plan takes the place of the mission in flight: from the next waypoint on that has not \
     changed, or where the aircraft is nearest to a path that begins at its pose. Where a change of the scene leaves no flight, the aircraft is told to hold.\n\n\
-    Ctrl-C ends this program; the autopilot flies on by itself. Heights count from the take-off place, which is where the aircraft stands unless --home \
-    says otherwise. Nothing is known of structures on the ways out and home: they are flown above all waypoints.\n\n\
-    With --json each line is an object with the key `event`: found, note, uploading, uploaded, joined, superseded, again, kept, progress, link_lost, link_back, \
+    Ctrl-C ends this program; the autopilot flies on by itself. The take-off place is where the aircraft stands unless --home says otherwise. The ways out and home keep \
+    above all waypoints, above all that stands in the scene, and out of its no-fly zones; the scene is what --scene gives, or for a plan.json the file that it was made on. Edits \
+    of a loaded scene are not in that file: the waypoints keep clear of what they bring, the ways out and home know nothing of it. An aircraft that is far from a newer path holds, \
+    climbs above everything, flies across and comes down to it.\n\n\
+    With --json each line is an object with the key `event`: found, note, uploading, uploaded, joined, far_off, superseded, again, kept, progress, link_lost, link_back, \
     obeyed, disobeyed, mode, said, infeasible, daemon_lost, daemon_back, daemon_refused, and at the end uploaded_only, flown, landed or stopped.\n\nExamples:\n  \
     overfly fly town --link udpin:0.0.0.0:14540\n  \
     overfly fly flights/town/plan.json --link serial:/dev/ttyACM0:57600 --upload-only\n  \
@@ -47,19 +50,11 @@ pub struct FlyArgs {
     /// Do not let the aircraft hold when a change of the scene leaves no flight; it is only said
     #[arg(long)]
     pub no_hold: bool,
-    /// Take-off place: latitude and longitude, degrees, and the height of its ground in the scene's vertical reference, m [default: where the aircraft stands, at
-    /// the height of the scene's ground]
-    #[arg(long, value_name = "LAT,LON[,ALT]", allow_hyphen_values = true)]
-    pub home: Option<HomeText>,
     /// Which sortie of a plan that takes more than one battery, from 1
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = values::count)]
     pub sortie: u32,
-    /// Longest sortie from take-off to landing, s [default: what the rig's battery gives]
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = values::seconds)]
-    pub sortie_time: Option<f64>,
-    /// Share of a battery that is left after a sortie, percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 25.0, allow_negative_numbers = true, value_parser = values::percent)]
-    pub reserve: f64,
+    #[command(flatten)]
+    pub course: CourseArgs,
     /// For a loaded scene: the flight has to end so many seconds after the aircraft was armed; newer plans are made for what is left
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = values::seconds)]
     pub air_time: Option<f64>,

@@ -11,9 +11,6 @@ use crate::autopilot::notice::{End, Notice};
 use crate::cli::answer::{Answer, table};
 use crate::mission::mav_items::Autopilot;
 
-/// An aircraft that is farther from a new path than this flies to it over ground that was not looked at, m.
-const FAR_M: f64 = 10.0;
-
 fn name(autopilot: Autopilot) -> &'static str {
     match autopilot {
         Autopilot::Px4 => "px4",
@@ -51,17 +48,18 @@ pub fn notice(notice: &Notice) -> Answer {
                 json!({ "epoch": epoch, "items": items, "upload_s": took_s, "sortie": sortie, "sorties": sorties }),
             )
         }
-        Notice::Joined { epoch, waypoint, item, off_m } => {
-            let far = if *off_m > FAR_M { "; the way there was not looked at by the planner" } else { "" };
-            line(
-                "joined",
-                format!(
-                    "flying on along {}: waypoint {waypoint} is next (item {item}), {off_m:.1} m off the path{far}",
-                    plan(*epoch)
-                ),
-                json!({ "epoch": epoch, "waypoint": waypoint, "item": item, "off_path_m": off_m, "far": *off_m > FAR_M }),
-            )
-        }
+        Notice::Joined { epoch, waypoint, item, off_m } => line(
+            "joined",
+            format!("flying on along {}: waypoint {waypoint} is next (item {item}), {off_m:.1} m off the path", plan(*epoch)),
+            json!({ "epoch": epoch, "waypoint": waypoint, "item": item, "off_path_m": off_m }),
+        ),
+        Notice::FarOff { off_m } => line(
+            "far_off",
+            format!(
+                "{off_m:.0} m off the new path: the aircraft holds, climbs above everything, flies across and comes down to it"
+            ),
+            json!({ "off_path_m": off_m }),
+        ),
         Notice::Superseded { epoch, asked } => line(
             "superseded",
             format!("{} gives way to a newer one after {asked} items", plan(*epoch)),

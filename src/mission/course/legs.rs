@@ -2,9 +2,8 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use super::{CameraMount, CourseError, Place, Stop, Trigger, transit};
+use super::{CameraMount, Place, Stop, Trigger};
 use crate::camera::{Pose, pitch_rad};
-use crate::scene::free_space::FreeSpace;
 use crate::search::leg::heading;
 use crate::trajectory::corner::Corner;
 use crate::trajectory::limits::{Limits, Turning};
@@ -97,21 +96,6 @@ impl Legs {
         (self.path[leg + 1].position - self.path[leg].position).norm()
     }
 
-    /// Refuses a plan that the scene, as it is given, does not let pass.
-    pub fn check(&self, plan: &Plan, free: Option<&FreeSpace>) -> Result<(), CourseError> {
-        let Some(free) = free else { return Ok(()) };
-        for (leg, ends) in self.path.windows(2).enumerate().skip(plan.egress.legs()) {
-            let (from, to) = (&ends[0].position, &ends[1].position);
-            if let Some(obstruction) = transit::collision(free, from, to) {
-                let what = format!("the leg from waypoint {} to waypoint {}", self.kept[leg], self.kept[leg + 1]);
-                let remedy =
-                    "the plan was made for another state of the scene: plan it again, or give its own scene with `--scene`";
-                return Err(CourseError::Obstructed { what, obstruction, remedy });
-            }
-        }
-        Ok(())
-    }
-
     /// Waypoint `k` in the sortie from one waypoint to another.
     pub fn stop(&self, k: usize, (from, to): (usize, usize), limits: &Limits, place: &impl Fn(Point3<f64>) -> Place) -> Stop {
         let is_inner = from < k && k < to;
@@ -135,6 +119,7 @@ impl Legs {
             cut_m,
             exposures,
             spacing_m: (exposures > 0).then(|| self.length_m(leg) / onward.max(1) as f64),
+            relief: Vec::new(),
         }
     }
 

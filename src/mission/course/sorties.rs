@@ -2,6 +2,7 @@
 
 use nalgebra::Point3;
 
+use super::detour::Ways;
 use super::legs::Legs;
 use super::{CourseError, CourseOptions, transit};
 use crate::scene::free_space::{FreeSpace, Obstruction};
@@ -17,33 +18,62 @@ pub const MOST_SORTIES: usize = 100;
 pub struct Reach {
     out_s: Vec<f64>,
     home_s: Vec<f64>,
-    /// What is in the way between the waypoint and the take-off place.
-    obstructions: Vec<Option<Obstruction>>,
+    /// Corners at the height of transit, from the one behind the take-off place to the place above the waypoint; or what is in the way.
+    ways: Vec<Result<Vec<Point3<f64>>, Obstruction>>,
     /// Time that coming to rest, or starting from it, takes longer than passing, at most, s.
     stop_s: f64,
 }
 
 impl Reach {
-    pub fn new(legs: &Legs, limits: &Limits, home_m: Point3<f64>, transit_z_m: f64, free: Option<&FreeSpace>) -> Self {
+    pub fn new(
+        legs: &Legs,
+        limits: &Limits,
+        home_m: &Point3<f64>,
+        ways: &Ways,
+        free: Option<&FreeSpace>,
+        transit_z_m: f64,
+    ) -> Self {
         let dynamics = &limits.dynamics;
         let stop_s = (limits.cruise_mps / dynamics.acceleration_mps2 + dynamics.acceleration_mps2 / dynamics.jerk_mps3) / 2.0;
-        let above_home = Point3::new(home_m.x, home_m.y, transit_z_m);
-        let way_s = |p: &Point3<f64>, home_mps: f64, own_mps: f64| {
-            let level_s = libm::hypot(p.x - home_m.x, p.y - home_m.y) / limits.cruise_mps;
-            (transit_z_m - home_m.z) / home_mps + level_s + 2.0 * stop_s + (transit_z_m - p.z) / own_mps
-        };
         let points = legs.points();
-        let obstruction = |p: &Point3<f64>| {
+        let way = |p: &Point3<f64>| {
             let above = Point3::new(p.x, p.y, transit_z_m);
-            free.and_then(|free| {
-                transit::obstruction(free, p, &above).or_else(|| transit::obstruction(free, &above, &above_home))
-            })
+            if let Some(obstruction) = free.and_then(|free| transit::obstruction(free, p, &above)) {
+                return Err(obstruction);
+            }
+            ways.to(&above).map(|corners| corners.into_iter().chain([above]).collect::<Vec<_>>())
+        };
+        let ways: Vec<Result<Vec<Point3<f64>>, Obstruction>> = points.iter().map(way).collect();
+        let way_s = |(p, way): (&Point3<f64>, &Result<Vec<Point3<f64>>, Obstruction>), home_mps: f64, own_mps: f64| {
+            // It comes to rest at each corner.
+            let corners = way.as_deref().unwrap_or(&[]);
+            let starts = std::iter::once(home_m).chain(corners);
+            let level_m: f64 = starts.zip(corners).map(|(from, to)| (to.xy() - from.xy()).norm()).sum();
+            let stops_s = (1 + corners.len()) as f64 * stop_s;
+            (transit_z_m - home_m.z) / home_mps + level_m / limits.cruise_mps + stops_s + (transit_z_m - p.z) / own_mps
         };
         Self {
-            out_s: points.iter().map(|p| way_s(p, CLIMB_MPS, SINK_MPS)).collect(),
-            home_s: points.iter().map(|p| way_s(p, SINK_MPS, CLIMB_MPS)).collect(),
-            obstructions: points.iter().map(obstruction).collect(),
+            out_s: points.iter().zip(&ways).map(|pair| way_s(pair, CLIMB_MPS, SINK_MPS)).collect(),
+            home_s: points.iter().zip(&ways).map(|pair| way_s(pair, SINK_MPS, CLIMB_MPS)).collect(),
+            ways,
             stop_s,
+        }
+    }
+
+    /// Corners of the way from the take-off place to above a waypoint; none where it is barred.
+    pub fn way(&self, k: usize) -> &[Point3<f64>] {
+        self.ways[k].as_deref().unwrap_or(&[])
+    }
+
+    /// An autopilot's own return knows nothing of detours.
+    pub fn note(&self, notes: &mut Vec<String>) {
+        let around = self.ways.iter().filter(|way| way.as_ref().map_or(true, |corners| corners.len() > 1)).count();
+        if around > 0 {
+            notes.push(format!(
+                "from {around} of {} waypoints the straight way home leads through a no-fly zone or along its border: the mission goes around, but an autopilot that returns by itself \
+                 (battery, lost link) flies straight; take off elsewhere (`--home`) where that must not be",
+                self.ways.len()
+            ));
         }
     }
 
@@ -53,7 +83,7 @@ impl Reach {
     }
 
     fn check(&self, legs: &Legs, k: usize) -> Result<(), CourseError> {
-        let Some(obstruction) = self.obstructions[k].clone() else { return Ok(()) };
+        let Err(obstruction) = self.ways[k].clone() else { return Ok(()) };
         let what = format!("the way between the take-off place and waypoint {}", legs.kept[k]);
         Err(CourseError::Obstructed { what, obstruction, remedy: "take off elsewhere, with `--home LAT,LON`" })
     }
@@ -99,7 +129,7 @@ pub fn split(legs: &Legs, reach: &Reach, times: &Times) -> Result<Vec<(usize, us
             if legs.arrivals_s[to] - legs.arrivals_s[from] > most_s && shortest_s.is_finite() {
                 break;
             }
-            if reach.obstructions[to].is_some() {
+            if reach.ways[to].is_err() {
                 continue;
             }
             let duration_s = reach.duration_s(legs, from, to);

@@ -3,7 +3,7 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use super::*;
-use crate::mission::fixture::{ORIGIN, corners, plan};
+use crate::mission::fixture::{ORIGIN, corners, over_a_hill, plan};
 use crate::scene::{BlockSettings, NoFlyZone, Scene, ZoneSource, generate_block};
 use crate::settings::Settings;
 
@@ -126,7 +126,9 @@ fn the_ways_out_and_home_keep_clear_of_all_that_stands() {
     let above_home = home + Vector3::z() * course.transit_m;
     let low = home + Vector3::z() * 0.5;
     for sortie in &course.sorties {
-        for (a, b) in [(low, above_home), (above_home, sortie.entry.position_m), (sortie.exit.position_m, above_home)] {
+        let [out, back] = [&sortie.out, &sortie.back].map(|way| way.iter().map(|place| place.position_m).collect::<Vec<_>>());
+        let way = [vec![low, above_home], out, back, vec![above_home]].concat();
+        for (a, b) in way.windows(2).map(|ends| (ends[0], ends[1])) {
             assert!(free.clearance.segment_distance_m(&a, &b, 100.0) >= free.safety_distance_m);
         }
     }
@@ -154,6 +156,129 @@ fn zones_bar_the_course_or_fence_it_in() {
     assert_eq!(course.fences.iter().map(|fence| (fence.name.as_str(), fence.corners.len())).collect::<Vec<_>>(), [("aside", 4)]);
     assert!(course.notes.iter().any(|note| note.contains("\"yard\"")), "{:?}", course.notes);
     scene.zones.push(zone("across", [-10.0, -10.0, 10.0, 10.0], 0.0, f64::MAX));
-    let refused = Course::new(&plan, Some(&free(&scene)), &CourseOptions::default());
+    let free = free(&scene);
+    let refused = Course::new(&plan, Some(&free), &CourseOptions::default()).and_then(|course| course.check(&plan, &free));
     assert!(matches!(&refused, Err(CourseError::Obstructed { obstruction: Obstruction::Zone(zone), .. }) if zone == "across"));
+}
+
+/// Take-off on flat ground at a local place.
+fn at(scene: &Scene, x: f64, y: f64) -> CourseOptions {
+    let place = scene.frame.geodetic_from_local(&nalgebra::Point3::new(x, y, 0.0)).unwrap();
+    let home = Some(HomeChoice { lat_deg: place.lat_deg, lon_deg: place.lon_deg, alt_m: None });
+    CourseOptions { home, ..CourseOptions::default() }
+}
+
+fn between(p: &Point3<f64>) -> geo::Coord {
+    geo::Coord { x: p.x, y: p.y }
+}
+
+proptest! {
+    #[test]
+    fn the_ways_out_and_home_lead_around_zones(
+        corners in prop::collection::vec([-1.0..1.0f64, -1.0..1.0f64], 3..9), size_m in 60.0..250.0f64, second: bool,
+    ) {
+        use geo::{Area, Distance, Euclidean, Intersects, Validation};
+        let (mut scene, _, _) = above_a_block();
+        let ring = corners.iter().map(|[x, y]| geo::Coord { x: -500.0 + size_m * x, y: size_m * y }).collect::<Vec<_>>();
+        let outline = geo::MultiPolygon(vec![geo::Polygon::new(geo::LineString::new(ring), Vec::new())]);
+        prop_assume!(outline.is_valid() && outline.unsigned_area() > 100.0);
+        scene.zones.push(NoFlyZone { outline, ..zone("odd", [0.0; 4], 0.0, f64::MAX) });
+        if second {
+            scene.zones.push(zone("low", [-620.0, -900.0, -600.0, 100.0], 0.0, 300.0));
+        }
+        let mut plan = self::plan("panoramic", &[[-150.0, -40.0, 30.0], [-150.0, 40.0, 30.0]]);
+        plan.scene.origin = scene.frame.origin;
+        let free = free(&scene);
+        let is_barred = |p: &Point3<f64>| free.zones().iter().any(|zone| Euclidean.distance(&geo::Point::from(between(p)), &zone.outline) < 50.0);
+        let home = Point3::new(-850.0, 0.0, 0.0);
+        prop_assume!(![home, plan.waypoints[0].position_m, plan.waypoints[1].position_m].iter().any(is_barred));
+        let course = match Course::new(&plan, Some(&free), &at(&scene, home.x, home.y)) {
+            Ok(course) => course,
+            // A zone may enclose a place in a bay whose mouth is narrower than the margins.
+            Err(CourseError::Obstructed { obstruction: Obstruction::Zone(_), .. }) if corners.len() > 4 => return Ok(()),
+            Err(other) => panic!("{other}"),
+        };
+        let sortie = &course.sorties[0];
+        let points = |way: &[Place]| way.iter().map(|place| place.position_m).collect::<Vec<_>>();
+        for way in [[vec![course.above_home().position_m], points(&sortie.out)].concat(), [points(&sortie.back), vec![course.above_home().position_m]].concat()] {
+            for ends in way.windows(2) {
+                let line = geo::Line::new(between(&ends[0]), between(&ends[1]));
+                prop_assert!(ends[0].z == ends[1].z);
+                for zone in free.zones() {
+                    prop_assert!(!zone.outline.intersects(&line) && Euclidean.distance(&line, &zone.outline) > 9.99, "{way:?}");
+                }
+            }
+        }
+        let straight_m = (home.xy() - plan.waypoints[0].position_m.xy()).norm();
+        let above = course.above_home();
+        let length_m: f64 = std::iter::once(&above).chain(&sortie.out).zip(&sortie.out).map(|(a, b)| (b.position_m - a.position_m).norm()).sum();
+        prop_assert!(length_m < straight_m + 4.0 * size_m + 2000.0 * f64::from(u8::from(second)) + 200.0);
+        prop_assert_eq!(sortie.out.len().max(sortie.back.len()) > 1, course.notes.iter().any(|note| note.contains("straight way home")));
+    }
+}
+
+#[test]
+fn a_zone_of_many_corners_is_gone_around_as_a_whole() {
+    let (mut scene, _, _) = above_a_block();
+    let ring = (0..5000).map(|k| {
+        let (sin, cos) = libm::sincos(std::f64::consts::TAU * f64::from(k) / 5000.0);
+        geo::Coord { x: -500.0 + 200.0 * cos, y: 200.0 * sin }
+    });
+    let outline = geo::MultiPolygon(vec![geo::Polygon::new(geo::LineString::new(ring.collect()), Vec::new())]);
+    scene.zones.push(NoFlyZone { outline, ..zone("round", [0.0; 4], 0.0, f64::MAX) });
+    let mut plan = self::plan("panoramic", &[[-150.0, -40.0, 30.0], [-150.0, 40.0, 30.0]]);
+    plan.scene.origin = scene.frame.origin;
+    let course = Course::new(&plan, Some(&free(&scene)), &at(&scene, -850.0, 0.0)).unwrap();
+    let way = [vec![course.above_home()], course.sorties[0].out.clone()].concat();
+    let length_m: f64 = way.windows(2).map(|ends| (ends[1].position_m - ends[0].position_m).norm()).sum();
+    // Straight it is 701 m, tightly around the circle 790 m.
+    assert!(way.len() > 3 && (790.0..860.0).contains(&length_m), "{length_m} m by {} corners", way.len());
+}
+
+#[test]
+fn an_aircraft_that_follows_the_ground_keeps_to_the_legs() {
+    let (scene, plan) = over_a_hill();
+    let free = free(&scene);
+    let options = CourseOptions { altitudes: Altitudes::Terrain, ..CourseOptions::default() };
+    let course = Course::new(&plan, Some(&free), &options).unwrap();
+    course.check(&plan, &free).unwrap();
+    let terrain = free.terrain().unwrap();
+    let mut places = 0;
+    for ends in course.sorties.iter().flat_map(|sortie| sortie.stops.windows(2)) {
+        let told: Vec<&Place> = std::iter::once(&ends[0].at).chain(&ends[0].relief).chain([&ends[1].at]).collect();
+        places += told.len();
+        for place in &told {
+            let ground_m = terrain.height_m(place.position_m.x, place.position_m.y);
+            assert!((place.above_ground_m - (place.position_m.z - ground_m)).abs() < 1e-9);
+        }
+        for pair in told.windows(2) {
+            for step in 0..=200 {
+                let share = f64::from(step) / 200.0;
+                let on_leg = pair[0].position_m + (pair[1].position_m - pair[0].position_m) * share;
+                let flown_m = terrain.height_m(on_leg.x, on_leg.y)
+                    + pair[0].above_ground_m
+                    + (pair[1].above_ground_m - pair[0].above_ground_m) * share;
+                assert!((flown_m - on_leg.z).abs() <= RELIEF_M + 1e-9, "{flown_m} m instead of {} m", on_leg.z);
+            }
+        }
+    }
+    assert!(places > 20, "{places}: the hill is 60 m high");
+    assert!(course.notes.iter().any(|note| note.contains("terrain data")), "{:?}", course.notes);
+    // Neither without the scene nor needlessly.
+    let unknown = Course::new(&plan, None, &options).unwrap_err();
+    assert!(unknown == CourseError::NoTerrain && unknown.to_string().contains("--scene"), "{unknown}");
+    let relative = Course::new(&plan, Some(&free), &CourseOptions::default()).unwrap();
+    assert!(relative.sorties.iter().flat_map(|sortie| &sortie.stops).all(|stop| stop.relief.is_empty()));
+}
+
+#[test]
+fn on_a_hill_an_aircraft_takes_off_from_the_ground_there() {
+    let (scene, plan) = over_a_hill();
+    let free = free(&scene);
+    let course = Course::new(&plan, Some(&free), &at(&scene, 0.0, 0.0)).unwrap();
+    assert!((course.home.position_m.z - 60.0).abs() < 1e-9 && course.home.above_ground_m.abs() < 1e-9, "{:?}", course.home);
+    let stop = &course.sorties[0].stops[0].at;
+    assert!((stop.above_takeoff_m - 30.0).abs() < 1e-9, "{} m", stop.above_takeoff_m);
+    let chosen = Course::new(&plan, Some(&free), &CourseOptions::default()).unwrap();
+    assert!(chosen.home.above_ground_m.abs() < 1e-9, "{:?}", chosen.home);
 }

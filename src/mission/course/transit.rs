@@ -3,10 +3,10 @@
 use geo::{Coord, Intersects, Line, LineString, Polygon};
 use nalgebra::Point3;
 
-use super::{CourseError, Fence, HomeChoice, Sortie};
+use super::{CourseError, Fence, Ground, HomeChoice, Sortie};
 use crate::frame::{Geodetic, LocalFrame};
-use crate::scene::NoFlyZone;
 use crate::scene::free_space::{FreeSpace, Obstruction};
+use crate::scene::{Bounds, NoFlyZone};
 
 /// No radio and no rule lets a flight go farther than this from its take-off place, m.
 const FARTHEST_HOME_M: f64 = 20_000.0;
@@ -25,10 +25,11 @@ const ON_GROUND_M: f64 = 0.5;
 /// Heights that are compared are taken for so much larger, m.
 const SLACK_M: f64 = 1e-6;
 
-/// What is between two places of a way that was planned without them: nearer than the safety distance, or barred.
+/// What is between two places of a way that was planned without them: nearer than the safety distance, or barred. Over a valley a way above everything
+/// may be higher than the legal ceiling; that is noted ([`height_m`]).
 pub fn obstruction(free: &FreeSpace, a: &Point3<f64>, b: &Point3<f64>) -> Option<Obstruction> {
     let around = free.structure_around(a).or_else(|| free.structure_around(b));
-    around.map(|structure| Obstruction::Inside(structure.name.clone())).or_else(|| free.obstruction_between(a, b))
+    around.map(|structure| Obstruction::Inside(structure.name.clone())).or_else(|| free.obstruction_at_any_altitude(a, b))
 }
 
 /// What a way passes through. Nearness alone does not count: a plan was checked with the safety distance of its own settings.
@@ -71,7 +72,7 @@ fn given_home(
     let place = Geodetic { lat_deg, lon_deg, alt_m: alt_m.unwrap_or(ground_m) };
     let is_place = lat_deg.abs() <= 90.0 && lon_deg.abs() <= 180.0 && (place.alt_m - ground_m).abs() <= 10_000.0;
     let home = frame.local_from_geodetic(&place).filter(|_| is_place);
-    let Some(home) = home else {
+    let Some(mut home) = home else {
         return Err(CourseError::NoPlace { value: format!("{lat_deg}, {lon_deg}, {} m", place.alt_m) });
     };
     let distance_m = (home.xy() - first.xy()).norm();
@@ -79,12 +80,15 @@ fn given_home(
         return Err(CourseError::FarHome { distance_m, most_m: FARTHEST_HOME_M });
     }
     let Some(free) = free else { return Ok(home) };
+    if alt_m.is_none() {
+        home.z = Ground::of(Some(free)).height_m(home.x, home.y);
+    }
     let (low, high) = column(&home, path, free);
     if let Some(obstruction) = collision(free, &low, &high) {
         let what = "the climb at the take-off place".to_owned();
         return Err(CourseError::Obstructed { what, obstruction, remedy: "take off elsewhere, with `--home LAT,LON`" });
     }
-    let clear_m = free.clearance.segment_distance_m(&low, &high, free.safety_distance_m);
+    let clear_m = free.clearance.standing_segment_distance_m(&low, &high, free.safety_distance_m);
     if clear_m < free.safety_distance_m {
         notes.push(format!(
             "the climb at the take-off place comes within {clear_m:.1} m of a structure, nearer than the safety distance of {} m",
@@ -106,10 +110,17 @@ fn chosen_home(first: &Point3<f64>, path: &[Point3<f64>], free: Option<&FreeSpac
         return under;
     };
     let last = path.last().unwrap_or(first);
-    let is_free = |home: &Point3<f64>| {
+    let ground = Ground::of(Some(free));
+    let can_climb = |home: &Point3<f64>| {
         let (low, high) = column(home, path, free);
+        let clear_m = free.clearance.standing_segment_distance_m(&low, &high, free.safety_distance_m);
+        collision(free, &low, &high).is_none() && clear_m >= free.safety_distance_m
+    };
+    // Best with straight ways out and home.
+    let is_free = |home: &Point3<f64>| {
+        let (_, high) = column(home, path, free);
         let above = |p: &Point3<f64>| Point3::new(p.x, p.y, high.z);
-        [(low, high), (high, above(first)), (high, above(last))].iter().all(|(a, b)| obstruction(free, a, b).is_none())
+        can_climb(home) && [above(first), above(last)].iter().all(|goal| obstruction(free, &high, goal).is_none())
     };
     let ring = |ring: u32| {
         (0..AZIMUTHS).map(move |k| {
@@ -117,11 +128,13 @@ fn chosen_home(first: &Point3<f64>, path: &[Point3<f64>], free: Option<&FreeSpac
             under + nalgebra::Vector3::new(sin, cos, 0.0) * (RING_M * f64::from(ring))
         })
     };
-    let found = std::iter::once(under).chain((1..=RINGS).flat_map(ring)).find(is_free);
-    match found {
+    let on_ground = |p: Point3<f64>| Point3::new(p.x, p.y, ground.height_m(p.x, p.y));
+    let under = on_ground(under);
+    let places = || std::iter::once(under).chain((1..=RINGS).flat_map(ring).map(on_ground));
+    match places().find(is_free).or_else(|| places().find(can_climb)) {
         Some(home) if home == under => home,
         Some(home) => {
-            let distance_m = (home - under).norm();
+            let distance_m = (home.xy() - under.xy()).norm();
             notes.push(format!(
                 "the ground under the first waypoint is not free; the take-off place is {distance_m:.0} m beside it (`--home` gives another one)"
             ));
@@ -137,12 +150,12 @@ fn chosen_home(first: &Point3<f64>, path: &[Point3<f64>], free: Option<&FreeSpac
 /// The climb at a take-off place.
 fn column(home: &Point3<f64>, path: &[Point3<f64>], free: &FreeSpace) -> (Point3<f64>, Point3<f64>) {
     let low = Point3::new(home.x, home.y, home.z + ON_GROUND_M);
-    (low, Point3::new(home.x, home.y, top_m(path, home.z, Some(free))))
+    (low, Point3::new(home.x, home.y, top_m(path, home, Some(free))[1]))
 }
 
-/// Height of the ways out and home above the ground of the scene, m: above all waypoints and, where it is known, all that stands.
-pub fn height_m(path: &[Point3<f64>], home_z_m: f64, free: Option<&FreeSpace>, notes: &mut Vec<String>) -> f64 {
-    let height_m = top_m(path, home_z_m, free);
+/// Height of the ways out and home above the plane z = 0, m: above all waypoints and, where it is known, all that stands and the ground around.
+pub fn height_m(path: &[Point3<f64>], home: &Point3<f64>, free: Option<&FreeSpace>, notes: &mut Vec<String>) -> f64 {
+    let [lowest_m, height_m] = top_m(path, home, free);
     if free.is_none() {
         notes.push(
             "the scene is not known: the ways out and home lie above all waypoints, but perhaps not above all structures, and no-fly zones are not \
@@ -150,19 +163,29 @@ pub fn height_m(path: &[Point3<f64>], home_z_m: f64, free: Option<&FreeSpace>, n
                 .to_owned(),
         );
     }
-    if height_m - home_z_m > COMMON_CEILING_M {
+    if height_m - lowest_m > COMMON_CEILING_M {
+        let below = if lowest_m < home.z { "the lowest ground around" } else { "the take-off place" };
         notes.push(format!(
-            "the ways out and home lie {:.0} m above the take-off place, to be above everything; many countries' rules allow {COMMON_CEILING_M} m",
-            height_m - home_z_m
+            "the ways out and home lie {:.0} m above {below}, to be above everything; many countries' rules allow {COMMON_CEILING_M} m",
+            height_m - lowest_m
         ));
     }
     height_m
 }
 
-fn top_m(path: &[Point3<f64>], home_z_m: f64, free: Option<&FreeSpace>) -> f64 {
+/// The lowest ground around a path and its take-off place, and the height that is above everything, m.
+fn top_m(path: &[Point3<f64>], home: &Point3<f64>, free: Option<&FreeSpace>) -> [f64; 2] {
     let waypoints_m = path.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max) + ABOVE_WAYPOINTS_M;
-    let structures_m = free.and_then(|free| free.bounds.map(|bounds| bounds.max.z + free.safety_distance_m + SLACK_M));
-    waypoints_m.max(structures_m.unwrap_or(f64::NEG_INFINITY)).max(home_z_m + ABOVE_HOME_M)
+    let mut top_m = waypoints_m.max(home.z + ABOVE_HOME_M);
+    let Some(free) = free else { return [home.z, top_m] };
+    let above = |height_m: f64| height_m + free.safety_distance_m + SLACK_M;
+    if let Some(bounds) = free.bounds {
+        top_m = top_m.max(above(bounds.max.z));
+    }
+    let around = Bounds::of_points(path.iter().copied().chain([*home]));
+    let ground_m = free.terrain().zip(around).map(|(terrain, around)| terrain.range_within_m(&around));
+    let [lowest_m, highest_m] = ground_m.unwrap_or([home.z, f64::NEG_INFINITY]);
+    [lowest_m.min(home.z), top_m.max(above(highest_m))]
 }
 
 /// The zones as areas that must not be entered at any height. One that the course passes over or under cannot be given so.
@@ -175,8 +198,9 @@ pub fn fences(
 ) -> Vec<Fence> {
     let coord = |p: &Point3<f64>| Coord { x: p.x, y: p.y };
     let course = |sortie: &Sortie| {
-        let stops = sortie.stops.iter().map(|stop| coord(&stop.at.position_m));
-        let corners: Vec<_> = std::iter::once(coord(&home_m)).chain(stops).chain([coord(&home_m)]).collect();
+        let stops = sortie.stops.iter().map(|stop| &stop.at);
+        let places = sortie.out.iter().chain(stops).chain(&sortie.back).map(|place| coord(&place.position_m));
+        let corners: Vec<_> = std::iter::once(coord(&home_m)).chain(places).chain([coord(&home_m)]).collect();
         corners.windows(2).map(|ends| Line::new(ends[0], ends[1])).collect::<Vec<_>>()
     };
     let lines: Vec<Line<f64>> = sorties.iter().flat_map(course).collect();

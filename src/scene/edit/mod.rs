@@ -277,7 +277,7 @@ impl Scene {
             .map(|outline| {
                 let zone = NoFlyZone { outline, source: ZoneSource::Edit, ..new.clone() };
                 let mut scene = self.clone();
-                let touched = zone_region(&zone);
+                let touched = self.zone_region(&zone);
                 scene.zones.push(zone);
                 (scene, touched)
             })
@@ -292,15 +292,15 @@ impl Scene {
         };
         let mut scene = self.clone();
         let removed = scene.zones.remove(index);
-        Ok((scene, zone_region(&removed)))
+        Ok((scene, self.zone_region(&removed)))
+    }
+
+    /// A zone that lies far away touches nothing.
+    fn zone_region(&self, zone: &NoFlyZone) -> DirtyRegion {
+        region(zone.bounds(self.terrain()).unwrap_or(Bounds { min: Point3::origin(), max: Point3::origin() }))
     }
 }
 
 fn region(bounds: Bounds) -> DirtyRegion {
     DirtyRegion { min: bounds.min, max: bounds.max }
-}
-
-/// A zone that lies far away touches nothing.
-fn zone_region(zone: &NoFlyZone) -> DirtyRegion {
-    region(zone.bounds().unwrap_or(Bounds { min: Point3::origin(), max: Point3::origin() }))
 }

@@ -1,5 +1,7 @@
 //! The engine without a daemon: from a scene file to a plan in this process, with the times of its steps.
 
+use std::fs::File;
+use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -43,11 +45,15 @@ pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportRepo
 
 /// The same with the model of the ground that is named, or that stands beside the file.
 pub fn read_scene_files(files: &SceneFiles, settings: &Settings) -> Result<(Scene, ImportReport), Failure> {
-    let path = files.scene;
-    let bytes = read_bytes(path)?;
     // The daemon is told absolute paths too: both give a file without a telling name that of its folder.
-    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let path = std::path::absolute(files.scene).unwrap_or_else(|_| files.scene.to_owned());
     let name = path.to_string_lossy();
+    if let Some(mut cloud) = opened_cloud(files.scene).filter(|_| files.ground.is_none()) {
+        let (mut scene, report) = scene::read_cloud(&name, &mut cloud, &settings.proxy, None)?;
+        scene.name = plain_scene_name(&scene.name);
+        return Ok((scene, report));
+    }
+    let bytes = read_bytes(files.scene)?;
     let beside = || scene::ground_beside(&name).map(PathBuf::from).filter(|path| path.is_file());
     let is_found = files.ground.is_none();
     let (mut scene, report) = match files.ground.map(Path::to_owned).or_else(beside) {
@@ -62,9 +68,36 @@ pub fn read_scene_files(files: &SceneFiles, settings: &Settings) -> Result<(Scen
     Ok((scene, report))
 }
 
+/// A point cloud, which is read from where it lies and may be larger than other scenes.
+fn opened_cloud(path: &Path) -> Option<File> {
+    // Opening a pipe would wait for whoever writes to it, and take what it holds.
+    std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file)?;
+    let mut file = File::open(path).ok()?;
+    let mut first = [0; 4];
+    file.read_exact(&mut first).ok()?;
+    file.rewind().ok()?;
+    scene::is_cloud(&first).then_some(file)
+}
+
+/// What to do about a scene file that cannot be read.
+const REMEDY: &str = "give a scene file that you may read";
+
+/// Checks that there is a scene file that can be opened, and leaves it; what is no file is read, because it cannot be read twice.
+pub fn read_piped(path: &Path) -> Result<Option<Vec<u8>>, Failure> {
+    let opened = std::fs::metadata(path).and_then(|metadata| match metadata.is_file() {
+        true => File::open(path).map(|_| true),
+        false => Ok(false),
+    });
+    match opened {
+        Ok(true) => Ok(None),
+        Ok(false) => read_bytes(path).map(Some),
+        Err(cause) => Err(Failure::Read { path: path.to_owned(), cause, remedy: REMEDY }),
+    }
+}
+
 /// The bytes of a scene file.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
-    let remedy = "give a scene file that you may read";
+    let remedy = REMEDY;
     bounded_file::read(path, MOST_SCENE_BYTES).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })
 }
 

@@ -12,8 +12,8 @@ use super::progress::Meter;
 use super::{daemon, in_process};
 
 pub fn run(arguments: &LoadArgs, form: Form) -> Result<Answer, Failure> {
-    // Reading it here first tells a wrong path from a daemon that may not read it.
-    let bytes = in_process::read_bytes(&arguments.file)?;
+    // Opening it here first tells a wrong path from a daemon that may not read it.
+    let piped = in_process::read_piped(&arguments.file)?;
     let client = daemon::connect(arguments.reach.domain.as_deref())?;
     let source = source(&arguments.file, arguments.dtm.as_deref());
     let loaded = match load(&client, source, arguments, form) {
@@ -23,7 +23,7 @@ pub fn run(arguments: &LoadArgs, form: Form) -> Result<Answer, Failure> {
         }
         Err(ClientError::Refused { code: RefusalCode::Unreadable, message }) => {
             form.remark(&format!("{message}\nso its content is sent"));
-            load(&client, content(&arguments.file, bytes), arguments, form)?
+            load(&client, content(&arguments.file, piped)?, arguments, form)?
         }
         other => other?,
     };
@@ -45,9 +45,10 @@ pub fn source(file: &Path, ground: Option<&Path>) -> SceneSource {
 }
 
 /// The file as it is sent: under the same name that the daemon would have given it.
-pub fn content(file: &Path, bytes: Vec<u8>) -> SceneSource {
+pub fn content(file: &Path, piped: Option<Vec<u8>>) -> Result<SceneSource, Failure> {
+    let bytes = piped.map_or_else(|| in_process::read_bytes(file), Ok)?;
     let path = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
-    SceneSource::Bytes { file_name: path.to_string_lossy().into_owned(), bytes }
+    Ok(SceneSource::Bytes { file_name: path.to_string_lossy().into_owned(), bytes })
 }
 
 fn answer(loaded: &Loaded) -> Answer {

@@ -16,8 +16,8 @@ use super::{daemon, edit, in_process, load};
 const MOST_NAMES: usize = 20;
 
 pub fn run(arguments: &UpdateArgs, form: Form) -> Result<Answer, Failure> {
-    // Reading it here first tells a wrong path from a daemon that may not read it.
-    let bytes = in_process::read_bytes(&arguments.file)?;
+    // Opening it here first tells a wrong path from a daemon that may not read it.
+    let piped = in_process::read_piped(&arguments.file)?;
     let client = daemon::connect(arguments.domain.as_deref())?;
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let started = Instant::now();
@@ -29,7 +29,7 @@ pub fn run(arguments: &UpdateArgs, form: Form) -> Result<Answer, Failure> {
         }
         Err(ClientError::Refused { code: RefusalCode::Unreadable, message }) => {
             form.remark(&format!("{message}\nso its content is sent"));
-            update(&client, load::content(&arguments.file, bytes), arguments, form)?
+            update(&client, load::content(&arguments.file, piped)?, arguments, form)?
         }
         other => other?,
     };

@@ -1,7 +1,7 @@
 //! Scene files as clients name or send them.
 
-use std::fs::{self, Metadata, OpenOptions};
-use std::io::Read;
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io::{Read, Seek};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -34,12 +34,17 @@ pub fn read_path(
     settings: &ProxySettings,
     anchor: Option<&Anchor>,
 ) -> Result<SceneFile, Refusal> {
-    let bytes = bytes_of(path, max_bytes)?;
     let name = path.to_string_lossy();
+    let (mut file, length) = opened(path, max_bytes)?;
+    if ground.is_none() && is_cloud(&mut file) {
+        return told(length as usize, || scene::read_cloud(&name, &mut file, settings, anchor));
+    }
+    let bytes = bytes_of(path, file, length)?;
     let beside = || scene::ground_beside(&name).map(PathBuf::from).filter(|path| path.is_file());
     match ground.map(Path::to_owned).or_else(beside) {
         Some(below) => {
-            let (bytes_below, file_name) = (bytes_of(&below, max_bytes)?, below.to_string_lossy());
+            let (file_below, length_below) = opened(&below, max_bytes)?;
+            let (bytes_below, file_name) = (bytes_of(&below, file_below, length_below)?, below.to_string_lossy());
             let below = GroundFile { file_name: &file_name, bytes: &bytes_below, is_found: ground.is_none() };
             told(bytes.len(), || scene::read_over_ground(&name, &bytes, &below, settings, anchor))
         }
@@ -47,8 +52,20 @@ pub fn read_path(
     }
 }
 
-fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, Refusal> {
-    let refusal = |code, cause: String| Refusal::new(code, format!("the daemon cannot read {path:?}: {cause}"));
+/// Whether it is a cloud, which is read from where it lies.
+fn is_cloud(file: &mut File) -> bool {
+    let mut first = [0; 4];
+    let is_read = file.read_exact(&mut first).is_ok();
+    is_read && file.rewind().is_ok() && scene::is_cloud(&first)
+}
+
+fn refusal(path: &Path, code: RefusalCode, cause: &str) -> Refusal {
+    Refusal::new(code, format!("the daemon cannot read {path:?}: {cause}"))
+}
+
+/// The file at a path with its length.
+fn opened(path: &Path, max_bytes: u64) -> Result<(File, u64), Refusal> {
+    let refusal = |code, cause: String| refusal(path, code, &cause);
     let refuse = |cause: String| refusal(RefusalCode::Unreadable, cause);
     let unreadable = |error| refuse(format!("{error}; check the path and that the daemon's user may read it"));
     let check = |metadata: &Metadata| match metadata.is_file() {
@@ -67,8 +84,13 @@ fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, Refusal> {
         let cause = format!("it holds {size} MB, at most {limit} MB are allowed; raise `daemon.max_scene_mb`");
         return Err(refusal(RefusalCode::Import, cause));
     }
-    let mut bytes = Vec::with_capacity(metadata.len() as usize);
-    file.take(max_bytes).read_to_end(&mut bytes).map_err(|error| refuse(error.to_string()))?;
+    Ok((file, metadata.len()))
+}
+
+fn bytes_of(path: &Path, mut file: File, length: u64) -> Result<Vec<u8>, Refusal> {
+    let mut bytes = Vec::with_capacity(length as usize);
+    let read = file.rewind().and_then(|()| file.take(length).read_to_end(&mut bytes));
+    read.map_err(|error| refusal(path, RefusalCode::Unreadable, &error.to_string()))?;
     Ok(bytes)
 }
 

@@ -51,7 +51,10 @@ pub mod free_space;
 pub use bounds::Bounds;
 pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle, ZoneSource};
-pub use read::{ENDINGS, GroundFile, ImportError, KNOWN_FORMATS, ground_beside, read, read_anchored, read_over_ground};
+pub use raster::Source;
+pub use read::{
+    ENDINGS, GroundFile, ImportError, KNOWN_FORMATS, ground_beside, is_cloud, read, read_anchored, read_cloud, read_over_ground,
+};
 pub use report::{ImportReport, ItemKind, Meaning, Place, ReportItem};
 pub use terrain::{TERRAIN_NAME, Terrain};
 pub use write::to_geojson;

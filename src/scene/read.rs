@@ -1,5 +1,6 @@
 //! From the bytes of a scene file to a scene, whatever the format.
 
+use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
@@ -12,6 +13,7 @@ use super::anchor::Anchor;
 use super::bounds::Bounds;
 use super::json::Scalar;
 use super::proxy::{NoFlyZone, Scene, Shape, Structure};
+use super::raster::Source;
 use super::report::{ImportReport, Place};
 use super::{cityjson, geojson, gltf_file, obj, osm_pbf, ply, raster, stl};
 use crate::frame::LocalFrame;
@@ -101,6 +103,22 @@ pub fn read(file_name: &str, bytes: &[u8], settings: &ProxySettings) -> Result<(
     read_format(file_name, bytes, None, settings, None)
 }
 
+/// Whether a file is a point cloud, by its first bytes: one that is read with [`read_cloud`] needs no memory for what it holds.
+pub fn is_cloud(first: &[u8]) -> bool {
+    first.starts_with(b"LASF")
+}
+
+/// Reads a point cloud from where it lies; in the frame of a scene that was read before where an anchor is given.
+pub fn read_cloud(
+    file_name: &str,
+    source: &mut dyn Source,
+    settings: &ProxySettings,
+    anchor: Option<&Anchor>,
+) -> Result<(Scene, ImportReport), ImportError> {
+    let read = guarded(file_name, || raster::read_cloud(file_name, source, settings, anchor))?;
+    if anchor.is_some() { near(file_name, read, settings) } else { Ok(read) }
+}
+
 /// A model of the ground (DTM) that belongs to a surface model (DSM), both GeoTIFF.
 #[derive(Clone, Copy, Debug)]
 pub struct GroundFile<'f> {
@@ -180,8 +198,8 @@ fn read_format(
             format!("a model of the ground ({}) is given to a file that is no surface model in a GeoTIFF", ground.file_name);
         return Err(ImportError::Structure { file, what, remedy: "leave it out" });
     }
-    if bytes.starts_with(b"LASF") {
-        return guarded(file_name, || raster::read_cloud(file_name, bytes, settings, anchor));
+    if is_cloud(bytes) {
+        return guarded(file_name, || raster::read_cloud(file_name, &mut Cursor::new(bytes), settings, anchor));
     }
     if matches!(first, b'{' | b'[') {
         return match json_kind(file_name, bytes)? {

@@ -16,6 +16,7 @@ mod tiff;
 #[cfg(test)]
 mod tests;
 
+pub use self::cloud::Source;
 use self::geo_keys::Reference;
 use self::grid::Grid;
 use self::tiff::Fold;
@@ -60,12 +61,12 @@ pub(super) fn read_tiff(
 /// Reads a point cloud.
 pub(super) fn read_cloud(
     file: &str,
-    bytes: &[u8],
+    source: &mut dyn Source,
     settings: &ProxySettings,
     anchor: Option<&Anchor>,
 ) -> Result<(Scene, ImportReport), ImportError> {
     let mut report = ImportReport::new(Format::PointCloud);
-    let cloud = cloud::read(file, bytes)?;
+    let cloud = cloud::read(file, source)?;
     refuse_degrees(file, &cloud.reference)?;
     let side = cloud.surface.place.cell();
     report.notes.push(format!("{} points, the highest in each cell of {side:.1} x {side:.1} units of the file", cloud.points));

@@ -98,7 +98,7 @@ fn walls_are_drawn_in_the_step_of_their_share() {
     let mut plan = block::plan(&field);
     let faces_south = |index: usize| field.samples[index].normal == [0.0, -1.0, 0.0];
     plan.cells = (0..field.samples.len()).map(|index| if faces_south(index) { 90 } else { 0 }).collect();
-    let text = String::from_utf8(svg::to_bytes(&field, &plan).unwrap()).unwrap();
+    let text = String::from_utf8(svg::to_bytes(&field, None, &plan).unwrap()).unwrap();
     let document = Document::parse(&text).unwrap();
 
     let full: Vec<Node> = by_id(&document, "walls")
@@ -116,7 +116,7 @@ fn a_camera_on_a_gimbal_has_wedges_in_its_view_directions_and_other_rigs_have_no
     let field = FieldTable::open(&blocks, &[]).unwrap();
     let mut plan = block::plan(&field);
     let views = |plan: &Plan| {
-        let text = String::from_utf8(svg::to_bytes(&field, plan).unwrap()).unwrap();
+        let text = String::from_utf8(svg::to_bytes(&field, None, plan).unwrap()).unwrap();
         let document = Document::parse(&text).unwrap();
         let wedges: Vec<Vec<[f64; 2]>> =
             by_id(&document, "views").children().filter_map(|node| node.attribute("d")).map(places).collect();
@@ -163,7 +163,7 @@ fn a_plan_of_another_revision_is_refused() {
     let field = FieldTable::open(&blocks, &[]).unwrap();
     let mut plan = block::plan(&field);
     plan.scene.revision = 2;
-    let error = svg::to_bytes(&field, &plan).unwrap_err();
+    let error = svg::to_bytes(&field, None, &plan).unwrap_err();
     assert!(matches!(error, SvgError::OtherField { plan_revision: 2, field_revision: 1, .. }), "{error}");
 }
 
@@ -176,13 +176,13 @@ fn a_plan_that_stays_where_it_starts_can_be_drawn() {
     plan.images.clear();
     plan.convergence.clear();
     plan.metrics = Default::default();
-    let text = String::from_utf8(svg::to_bytes(&field, &plan).unwrap()).unwrap();
+    let text = String::from_utf8(svg::to_bytes(&field, None, &plan).unwrap()).unwrap();
     assert!(Document::parse(&text).is_ok() && !text.contains("NaN") && !text.contains("inf"), "{text}");
 }
 
 fn draw(blocks: &[Block]) -> String {
     let field = FieldTable::open(blocks, &[]).unwrap();
-    String::from_utf8(svg::to_bytes(&field, &block::plan(&field)).unwrap()).unwrap()
+    String::from_utf8(svg::to_bytes(&field, None, &block::plan(&field)).unwrap()).unwrap()
 }
 
 fn by_id<'a>(document: &'a Document, id: &str) -> Node<'a, 'a> {

@@ -86,7 +86,19 @@ pub fn write(
 
 /// A plan from the daemon as outputs take it.
 pub fn flight(plan: &Plan, times: RunTimes, edit_to_plan_s: Option<f64>, import: Option<Value>) -> Flight<'_> {
-    Flight { plan, times, engine: Engine::Daemon, edit_to_plan_s, import, order: None, settings: None, scene_file: None }
+    Flight {
+        plan,
+        times,
+        engine: Engine::Daemon,
+        edit_to_plan_s,
+        import,
+        order: None,
+        settings: None,
+        scene_file: None,
+        ground_file: None,
+        // What a daemon publishes of a scene has no ground.
+        terrain: None,
+    }
 }
 
 /// How far up the structures and views of a plan's scene reach, while its field still stands.

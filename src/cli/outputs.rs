@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use overfly_table::FieldTable;
 use serde_json::{Value, json};
@@ -10,6 +11,7 @@ use super::failure::Failure;
 use super::machine::this_machine;
 use crate::mission::run_json::{self, Engine, Run};
 use crate::mission::{plan_json, svg};
+use crate::scene::Terrain;
 use crate::trajectory::plan::{Plan, RunTimes, StopReason};
 
 /// A plan with all that its files need.
@@ -25,6 +27,10 @@ pub struct Flight<'a> {
     pub settings: Option<Value>,
     /// Absolute path of the scene file, where there is one.
     pub scene_file: Option<String>,
+    /// And of the model of its ground, where one was named.
+    pub ground_file: Option<String>,
+    /// The ground of the plan's scene, where it is known and not flat.
+    pub terrain: Option<Arc<Terrain>>,
 }
 
 /// A folder for results that is known to be writable; when nothing was written into it, what was created of it goes again.
@@ -84,6 +90,7 @@ pub fn write(folder: &Path, names: &FileNames, flight: &Flight, field: Option<&F
         order: flight.order.clone(),
         settings: flight.settings.clone(),
         scene_file: flight.scene_file.clone(),
+        ground_file: flight.ground_file.clone(),
     };
     let mut written = Vec::new();
     let mut put = |name: &str, bytes: Vec<u8>| {
@@ -94,7 +101,7 @@ pub fn write(folder: &Path, names: &FileNames, flight: &Flight, field: Option<&F
     };
     put(&names.plan, plan_json::to_bytes(flight.plan))?;
     if let Some(field) = field {
-        put(&names.drawing, svg::to_bytes(field, flight.plan)?)?;
+        put(&names.drawing, svg::to_bytes(field, flight.terrain.as_deref(), flight.plan)?)?;
     }
     put(&names.run, run_json::to_bytes(flight.plan, &run))?;
     Ok(written)

@@ -67,6 +67,12 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
         order: Some(order_json(arguments, given)),
         settings: settings_file::differing(&settings),
         scene_file: std::path::absolute(&arguments.scene).ok().map(|path| path.to_string_lossy().into_owned()),
+        ground_file: arguments
+            .dtm
+            .as_ref()
+            .and_then(|path| std::path::absolute(path).ok())
+            .map(|path| path.to_string_lossy().into_owned()),
+        terrain: planned.snapshot.free.terrain().map(|terrain| Arc::new(terrain.clone())),
     };
     let files = match &arguments.out {
         Some(folder) => outputs::write(folder, &FileNames::of_plan(), &flight, Some(&planned.snapshot.field()))?,

@@ -27,6 +27,9 @@ const MOST_OF_LEG: f64 = 0.495;
 /// A trigger goes on over legs whose images are planned so far apart, as a share of its own distance.
 const SAME_SPACING: [f64; 2] = [0.98, 1.18];
 
+/// The fastest packing: the text repeats itself so much that more of it saves little.
+const FAST: i64 = 1;
+
 /// Which aircraft a rig stands for: its enumeration value and, where it has one, its kind, and the payload's.
 struct Aircraft {
     drone: u32,
@@ -53,11 +56,15 @@ pub fn knows(rig: &str) -> bool {
 /// The file's content. `made_ms` is when the plan was made, in milliseconds since 1970.
 pub fn to_bytes(course: &Course, sortie: &Sortie, made_ms: u64) -> Vec<u8> {
     let points = points(course, sortie);
-    let files =
-        [("wpmz/template.kml", template(course, &points, made_ms)), ("wpmz/waylines.wpml", waylines(course, sortie, &points))];
+    let groups = groups(course, &points);
+    let files = [
+        ("wpmz/template.kml", template(course, &points, &groups, made_ms)),
+        ("wpmz/waylines.wpml", waylines(course, sortie, &points, &groups)),
+    ];
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
     for (name, content) in files {
-        let options = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
+        let options =
+            SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated).compression_level(Some(FAST));
         let written = archive.start_file(name, options).map(|()| archive.write_all(&content.to_bytes()));
         written.expect("two short names").expect("memory takes everything");
     }
@@ -100,12 +107,11 @@ fn kml(document: Element) -> Element {
     Element::new("kml").attribute("xmlns", KML).attribute("xmlns:wpml", WPML).with(document)
 }
 
-fn template(course: &Course, points: &[Point], made_ms: u64) -> Element {
+fn template(course: &Course, points: &[Point], groups: &[(usize, Element)], made_ms: u64) -> Element {
     let is_above_ground = course.altitudes == Altitudes::Terrain;
     let coordinates = Element::new("wpml:waylineCoordinateSysParam")
         .with_value("wpml:coordinateMode", "WGS84")
         .with_value("wpml:heightMode", if is_above_ground { "aboveGroundLevel" } else { "relativeToStartPoint" });
-    let groups = groups(course, points);
     let folder = Element::new("Folder")
         .with_value("wpml:templateType", "waypoint")
         .with_value("wpml:templateId", 0)
@@ -130,7 +136,7 @@ fn template(course: &Course, points: &[Point], made_ms: u64) -> Element {
                 .with(turn(point))
                 .with_value("wpml:useStraightLine", 1);
             let pitch = point.stop.gimbal_pitch_deg.map(|pitch_deg| Element::value("wpml:gimbalPitchAngle", decimal(pitch_deg)));
-            place.with_all(pitch).with_all(groups_at(&groups, index))
+            place.with_all(pitch).with_all(groups_at(groups, index))
         }));
     let document = Element::new("Document")
         .with_value("wpml:author", "overfly")
@@ -141,8 +147,7 @@ fn template(course: &Course, points: &[Point], made_ms: u64) -> Element {
     kml(document)
 }
 
-fn waylines(course: &Course, sortie: &Sortie, points: &[Point]) -> Element {
-    let groups = groups(course, points);
+fn waylines(course: &Course, sortie: &Sortie, points: &[Point], groups: &[(usize, Element)]) -> Element {
     let lengths = points.windows(2).map(|pair| (pair[1].place.position_m - pair[0].place.position_m).norm());
     let folder = Element::new("Folder")
         .with_value("wpml:templateId", 0)
@@ -158,7 +163,7 @@ fn waylines(course: &Course, sortie: &Sortie, points: &[Point]) -> Element {
                 .with(heading(course, Some(point), "wpml:waypointHeadingParam"))
                 .with(turn(point))
                 .with_value("wpml:useStraightLine", 1)
-                .with_all(groups_at(&groups, index))
+                .with_all(groups_at(groups, index))
         }));
     kml(Element::new("Document").with(configuration(course)).with(folder))
 }

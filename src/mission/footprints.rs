@@ -5,7 +5,7 @@
 
 use geo::Coord;
 use nalgebra::{Point3, Vector3};
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use super::geojson::{collection, degrees};
 use super::pictures::{Picture, pictures};
@@ -21,28 +21,50 @@ pub fn to_bytes(plan: &Plan, which: Which) -> Option<Vec<u8>> {
     let frame = LocalFrame { origin: plan.scene.origin };
     frame.origin?;
     let pictures = pictures(plan, which);
-    let features: Option<Vec<Value>> = pictures.iter().map(|picture| feature(plan, &frame, picture)).collect();
+    let features: Option<Vec<Feature>> = pictures.iter().map(|picture| feature(plan, &frame, picture)).collect();
     Some(collection(features?.into_iter()))
 }
 
-fn feature(plan: &Plan, frame: &LocalFrame, picture: &Picture) -> Option<Value> {
-    let (corners, is_clipped) = footprint(picture.image)?;
+#[derive(Serialize)]
+struct Feature<'a> {
+    r#type: &'static str,
+    geometry: Option<Geometry>,
+    properties: Properties<'a>,
+}
+
+#[derive(Serialize)]
+struct Geometry {
+    r#type: &'static str,
+    coordinates: [Vec<[f64; 2]>; 1],
+}
+
+#[derive(Serialize)]
+struct Properties<'a> {
+    name: &'a str,
+    camera: Option<&'a str>,
+    time_s: f64,
+    selected: bool,
+    clipped: bool,
+}
+
+fn feature<'a>(plan: &'a Plan, frame: &LocalFrame, picture: &'a Picture) -> Option<Feature<'a>> {
+    let (corners, clipped) = footprint(picture.image)?;
     let position = |corner: &Coord<f64>| {
-        frame.geodetic_from_local(&Point3::new(corner.x, corner.y, 0.0)).map(|p| json!([degrees(p.lon_deg), degrees(p.lat_deg)]))
+        frame.geodetic_from_local(&Point3::new(corner.x, corner.y, 0.0)).map(|p| [degrees(p.lon_deg), degrees(p.lat_deg)])
     };
-    let ring: Vec<Value> = corners.iter().chain(corners.first()).map(position).collect::<Option<_>>()?;
-    let geometry = if corners.is_empty() { Value::Null } else { json!({ "type": "Polygon", "coordinates": [ring] }) };
-    Some(json!({
-        "type": "Feature",
-        "geometry": geometry,
-        "properties": {
-            "name": picture.name,
-            "camera": plan.cameras.get(picture.image.camera as usize).map(|camera| &camera.name),
-            "time_s": picture.image.time_s,
-            "selected": picture.image.selected,
-            "clipped": is_clipped,
+    let mut ring: Vec<[f64; 2]> = corners.iter().map(position).collect::<Option<_>>()?;
+    ring.extend(ring.first().copied());
+    Some(Feature {
+        r#type: "Feature",
+        geometry: (!ring.is_empty()).then(|| Geometry { r#type: "Polygon", coordinates: [ring] }),
+        properties: Properties {
+            name: &picture.name,
+            camera: plan.cameras.get(picture.image.camera as usize).map(|camera| camera.name.as_str()),
+            time_s: picture.image.time_s,
+            selected: picture.image.selected,
+            clipped,
         },
-    }))
+    })
 }
 
 /// The corners on the ground, counter-clockwise seen from above and without repeating the first one, and whether the footprint was cut. No corners for an image that

@@ -1,5 +1,6 @@
 //! GeoJSON of a plan: the curve that is flown, its waypoints, its images. Heights are those of the origin's reference plus the height above its ground.
 
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::pictures::{Picture, pictures};
@@ -59,9 +60,14 @@ pub fn to_bytes(plan: &Plan, which: Which) -> Option<Vec<u8>> {
 }
 
 /// A collection with each feature on a line of its own.
-pub fn collection(features: impl Iterator<Item = Value>) -> Vec<u8> {
-    let lines: Vec<String> = features.map(|feature| feature.to_string()).collect();
-    format!("{{\"type\": \"FeatureCollection\", \"features\": [\n{}\n]}}\n", lines.join(",\n")).into_bytes()
+pub fn collection(features: impl Iterator<Item = impl Serialize>) -> Vec<u8> {
+    let mut bytes = b"{\"type\": \"FeatureCollection\", \"features\": [".to_vec();
+    for (index, feature) in features.enumerate() {
+        bytes.extend_from_slice(if index == 0 { b"\n" } else { b",\n" });
+        serde_json::to_writer(&mut bytes, &feature).expect("memory takes everything, and keys are strings");
+    }
+    bytes.extend_from_slice(b"\n]}\n");
+    bytes
 }
 
 /// A tenth of a millimetre on the ground.

@@ -44,6 +44,7 @@ pub struct Run {
     pub settings: Option<Value>,
     /// Absolute path of the scene file; `None` for a scene that a daemon holds, which may have been edited since it was read.
     pub scene_file: Option<String>,
+    pub ground_file: Option<String>,
 }
 
 /// The file's content, with a final newline.
@@ -54,6 +55,7 @@ pub fn to_bytes(plan: &Plan, run: &Run) -> Vec<u8> {
         scene: &plan.scene.name,
         revision: plan.scene.revision,
         scene_file: run.scene_file.as_deref(),
+        ground_file: run.ground_file.as_deref(),
         engine: run.engine,
         machine: &run.machine,
         threads: run.times.threads,
@@ -100,6 +102,8 @@ struct RunEntry<'a> {
     revision: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     scene_file: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ground_file: Option<&'a str>,
     engine: Engine,
     machine: &'a Machine,
     threads: u32,

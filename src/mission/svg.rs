@@ -10,6 +10,7 @@ mod legend;
 mod pen;
 mod plain_view;
 pub mod quality;
+mod relief;
 pub mod scene_view;
 mod sheet;
 mod side_view;
@@ -24,6 +25,7 @@ use svg::Document;
 
 use self::pen::Anchor;
 use self::sheet::{MARGIN, Sheet, WIDTH};
+use crate::scene::Terrain;
 use crate::trajectory::plan::Plan;
 
 /// Why a plan cannot be drawn on a field.
@@ -36,8 +38,9 @@ pub enum SvgError {
     OtherField { plan_revision: u64, plan_samples: usize, field_revision: u64, field_samples: usize },
 }
 
-/// The file's content. `field` is the field of the plan's scene revision: outlines, samples and what can be captured come from it.
-pub fn to_bytes(field: &FieldTable, plan: &Plan) -> Result<Vec<u8>, SvgError> {
+/// The file's content. `field` is the field of the plan's scene revision: outlines, samples and what can be captured come from it. The ground is drawn where its
+/// terrain is known, which a field does not hold.
+pub fn to_bytes(field: &FieldTable, terrain: Option<&Terrain>, plan: &Plan) -> Result<Vec<u8>, SvgError> {
     if plan.cells.len() != field.samples.len()
         || plan.ceilings.len() != field.samples.len()
         || plan.scene.revision != field.facts.revision
@@ -60,20 +63,21 @@ pub fn to_bytes(field: &FieldTable, plan: &Plan) -> Result<Vec<u8>, SvgError> {
         .add(legend::gradients())
         .add(pen::rectangle([0.0, 0.0], [WIDTH, sheet.height.ceil()], colour::PAPER))
         .add(heading::draw(plan))
-        .add(top_view::draw(&sheet, field, &tallies, plan, &path))
+        .add(top_view::draw(&sheet, field, terrain, &tallies, plan, &path))
         .add(legend::scale_bar(&sheet))
-        .add(side_view::draw(&sheet, field, plan, &path))
+        .add(side_view::draw(&sheet, field, terrain, plan, &path))
         .add(legend::draw(&sheet, field, plan))
-        .add(footer(&sheet, plan));
+        .add(footer(&sheet, terrain, plan));
     Ok(format!("{document}\n").into_bytes())
 }
 
 /// What the coordinates mean.
-fn footer(sheet: &Sheet, plan: &Plan) -> svg::node::element::Text {
+fn footer(sheet: &Sheet, terrain: Option<&Terrain>, plan: &Plan) -> svg::node::element::Text {
     let frame = match plan.scene.origin {
         Some(origin) => format!("Metres east and north of {:.6}° N, {:.6}° E (WGS84).", origin.lat_deg, origin.lon_deg),
         None => "Metres east and north in the scene's own frame.".to_owned(),
     };
     let meaning = "A sample is captured when the images see enough of the hemisphere over it, by exact rays.";
-    pen::quiet_text([MARGIN, sheet.height - 28.0], 12.0, Anchor::Start, &format!("{frame} {meaning}"))
+    let ground = terrain.map_or("", |_| " Brown lines: ground of one height, m above its lowest place.");
+    pen::quiet_text([MARGIN, sheet.height - 28.0], 12.0, Anchor::Start, &format!("{frame} {meaning}{ground}"))
 }

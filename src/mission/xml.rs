@@ -22,7 +22,10 @@ impl Element {
     /// An element that holds a value.
     pub fn value(name: &'static str, value: impl Display) -> Self {
         // XML has no way to write most control characters.
-        let text: String = value.to_string().chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+        let mut text = value.to_string();
+        if text.chars().any(char::is_control) {
+            text = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+        }
         Self { text: Some(text), ..Self::new(name) }
     }
 

@@ -49,6 +49,11 @@ pub const HAIRLINE: &str = "#d9dbde";
 pub const GRID: &str = "#ecedef";
 pub const PAPER: &str = "#ffffff";
 pub const GROUND: &str = "#fbfbfa";
+/// Ground of one height, its numbers, and seen from the side hills and what lies below all ground.
+pub const CONTOUR: &str = "#b59a72";
+pub const CONTOUR_INK: &str = "#7d6238";
+pub const HILLS: &str = "#f4eee3";
+pub const SOIL: &str = "#e6dac5";
 /// A roof without exposed samples, where roofs are filled by share.
 pub const NOT_EXPOSED: &str = "#e3e2df";
 pub const OUTLINE: &str = "#74777c";

@@ -7,17 +7,19 @@ use svg::node::element::Group;
 use super::colour::{self, HEIGHT, TIME};
 use super::flight::{Instant, split_by_time};
 use super::pen::{self, Anchor};
+use super::relief;
 use super::sheet::{self, Sheet};
 use super::top_view;
-use crate::scene::TERRAIN_NAME;
+use crate::scene::{TERRAIN_NAME, Terrain};
 use crate::trajectory::plan::Plan;
 
 /// How far the farthest structure fades into the paper.
 const MOST_PALE: f64 = 0.75;
 
 /// Draws the whole side view.
-pub fn draw(sheet: &Sheet, field: &FieldTable, plan: &Plan, path: &[Instant]) -> Group {
-    pen::group("side-view").add(axes(sheet, field)).add(buildings(sheet, field)).add(flight(sheet, plan, path))
+pub fn draw(sheet: &Sheet, field: &FieldTable, terrain: Option<&Terrain>, plan: &Plan, path: &[Instant]) -> Group {
+    let ground = terrain.map_or_else(Group::new, |terrain| relief::from_south(sheet, terrain));
+    pen::group("side-view").add(axes(sheet, field)).add(ground).add(buildings(sheet, field)).add(flight(sheet, plan, path))
 }
 
 fn axes(sheet: &Sheet, field: &FieldTable) -> Group {

@@ -8,10 +8,12 @@ use svg::node::element::{Element, Group, Path};
 use super::colour::{self, HEIGHT, SHARE, TIME};
 use super::flight::{Instant, split_by_time};
 use super::pen::{self, Anchor, Place};
+use super::relief;
 use super::sheet::{self, Sheet};
 use super::thin;
 use super::views;
 use super::walls::{self, StructureTally};
+use crate::scene::Terrain;
 use crate::trajectory::plan::Plan;
 
 /// Pieces of equal duration into which the coloured path is split.
@@ -25,9 +27,18 @@ const BEYOND_REACH_GAP: f64 = 4.0;
 const LEAST_ROOF: f64 = 18.0;
 
 /// Draws the whole top view.
-pub fn draw(sheet: &Sheet, field: &FieldTable, tallies: &[StructureTally], plan: &Plan, path: &[Instant]) -> Group {
+pub fn draw(
+    sheet: &Sheet,
+    field: &FieldTable,
+    terrain: Option<&Terrain>,
+    tallies: &[StructureTally],
+    plan: &Plan,
+    path: &[Instant],
+) -> Group {
+    let ground = terrain.map_or_else(Group::new, |terrain| relief::from_above(sheet, terrain));
     pen::group("top-view")
         .add(axes(sheet))
+        .add(ground)
         .add(buildings(sheet, field, tallies))
         .add(wall_shares(sheet, field, tallies))
         .add(roof_shares(sheet, field, tallies))

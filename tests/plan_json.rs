@@ -165,6 +165,7 @@ fn run_json_holds_the_times_and_the_whole_convergence() {
         order: None,
         settings: None,
         scene_file: None,
+        ground_file: None,
     };
     let file: Value = serde_json::from_slice(&run_json::to_bytes(&plan, &run)).unwrap();
     assert_eq!((&file["engine"], &file["threads"], &file["stop"]), (&"daemon".into(), &2.into(), &"goal_reached".into()));

@@ -1,14 +1,16 @@
 //! `overfly export`: a plan as files for ground stations, drones' apps and reconstruction software.
 
+mod words;
+
 use std::collections::HashSet;
 use std::fs;
 use std::path::PathBuf;
 use std::time::UNIX_EPOCH;
 
 use clap::ValueEnum;
-use serde_json::{Value, json};
+use serde_json::json;
 
-use super::answer::{self, Answer, Form};
+use super::answer::{Answer, Form};
 use super::arguments::{ExportArgs, Format};
 use super::evaluate::read_plan_or_run;
 use super::failure::Failure;
@@ -16,8 +18,8 @@ use super::interrupt::Interrupts;
 use super::outputs::Folder;
 use super::progress::Meter;
 use super::{flown_scene, settings_file};
-use crate::mission::course::{Altitudes, CameraMount, Course, CourseError, Ground, Sortie};
-use crate::mission::mav_items::{self, Autopilot};
+use crate::mission::course::{Altitudes, Course, CourseError, Ground};
+use crate::mission::mav_items::Autopilot;
 use crate::mission::pictures::plain_name;
 use crate::mission::{colmap, coverage_model, dji, footprints, geojson, kml, litchi, plan_read, qgc, tables, waypoints};
 use crate::quality::{self, Quality, Truth};
@@ -198,7 +200,7 @@ impl<'a> Export<'a> {
             };
             self.files.push((format!("{}-{}{ending}", self.stem, sortie.number).into(), bytes));
         }
-        self.notes.extend(remarks(format, course));
+        self.notes.extend(words::remarks(format, course));
         Ok(())
     }
 
@@ -276,7 +278,7 @@ impl<'a> Export<'a> {
     }
 
     fn answer(&self, files: &[PathBuf]) -> Answer {
-        let mut text = self.course.as_ref().map_or(String::new(), |course| sorties_table(course) + "\n");
+        let mut text = self.course.as_ref().map_or(String::new(), |course| words::sorties_table(course) + "\n");
         text.push_str(&files.iter().map(|path| format!("wrote {}", path.display())).collect::<Vec<_>>().join("\n"));
         let mut object = json!({
             "scene": self.plan.scene.name,
@@ -292,52 +294,10 @@ impl<'a> Export<'a> {
                 course.trigger.map(|trigger| { json!({ "distance_m": trigger.distance_m, "interval_s": trigger.interval_s }) })
             );
             object["fences"] = json!(course.fences.iter().map(|fence| &fence.name).collect::<Vec<_>>());
-            object["sorties"] = course.sorties.iter().map(sortie_json).collect();
+            object["sorties"] = course.sorties.iter().map(words::sortie_json).collect();
         }
         Answer { text, json: object }
     }
-}
-
-/// What a reader of a mission file has to know of its format.
-fn remarks(format: Format, course: &Course) -> Vec<String> {
-    let mut remarks = Vec::new();
-    let is_absolute = course.altitudes == Altitudes::Absolute;
-    let longest = course.sorties.iter().map(|sortie| sortie.stops.len() + 2).max().unwrap_or(0);
-    match format {
-        Format::Ardupilot => {
-            let items = |sortie: &Sortie| mav_items::items(course, sortie, Autopilot::ArduPilot).len();
-            let most = course.sorties.iter().map(items).max().unwrap_or(0);
-            if most > mav_items::MANY_ITEMS {
-                remarks.push(format!(
-                    "a sortie has {most} mission items, and many ArduPilot boards without an SD card hold about {}; shorter sorties have fewer (`--sortie-time`)",
-                    mav_items::MANY_ITEMS
-                ));
-            }
-        }
-        Format::Dji if !dji::knows(&course.rig) => remarks.push(format!(
-            "DJI's WPML has no name for the aircraft of the rig {:?}: the file says Mavic 3 Enterprise; choose your own in Pilot 2",
-            course.rig
-        )),
-        Format::Litchi if longest > litchi::MANY_WAYPOINTS => remarks.push(format!(
-            "a sortie has {longest} waypoints, and for many aircraft Litchi takes {}; shorter sorties have fewer (`--sortie-time`)",
-            litchi::MANY_WAYPOINTS
-        )),
-        _ => {}
-    }
-    if is_absolute && matches!(format, Format::Dji | Format::Litchi) {
-        remarks.push(format!("the heights of {} files are above the take-off place always", name(format)));
-    }
-    if course.altitudes == Altitudes::Terrain && format == Format::Dji {
-        remarks.push(
-            "DJI's aircraft fly heights above the take-off place, worked out over the scene's ground; those above the ground are in the template, for \
-             Pilot 2: when it saves the mission anew, it takes them above its own model of the surface"
-                .to_owned(),
-        );
-    }
-    if course.mount == CameraMount::Fixed && matches!(format, Format::Dji | Format::Litchi) {
-        remarks.push(format!("{} files trigger one camera; the others of the rig have to follow it", name(format)));
-    }
-    remarks
 }
 
 fn needs_scene(format: Format) -> bool {
@@ -363,41 +323,4 @@ fn made_ms(arguments: &ExportArgs) -> u64 {
 
 fn name(format: Format) -> String {
     format.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned())
-}
-
-fn ends(sortie: &Sortie) -> [usize; 2] {
-    let waypoint = |index: usize| sortie.stops.get(index).map_or(0, |stop| stop.waypoint);
-    [waypoint(0), waypoint(sortie.stops.len().saturating_sub(1))]
-}
-
-fn exposures(sortie: &Sortie) -> usize {
-    sortie.stops.iter().map(|stop| stop.exposures).sum()
-}
-
-fn sorties_table(course: &Course) -> String {
-    let header = ["sortie", "waypoints", "exposures", "time, s", "battery, %"].map(str::to_owned).to_vec();
-    let row = |sortie: &Sortie| {
-        let [first, last] = ends(sortie);
-        vec![
-            sortie.number.to_string(),
-            format!("{first}-{last}"),
-            exposures(sortie).to_string(),
-            format!("{:.0}", sortie.duration_s),
-            sortie.battery_percent.map_or("-".to_owned(), |percent| format!("{percent:.0}")),
-        ]
-    };
-    let rows: Vec<Vec<String>> = std::iter::once(header).chain(course.sorties.iter().map(row)).collect();
-    answer::table(&rows)
-}
-
-fn sortie_json(sortie: &Sortie) -> Value {
-    let [first, last] = ends(sortie);
-    json!({
-        "number": sortie.number,
-        "first_waypoint": first,
-        "last_waypoint": last,
-        "exposures": exposures(sortie),
-        "duration_s": sortie.duration_s,
-        "battery_percent": sortie.battery_percent,
-    })
 }

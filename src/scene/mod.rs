@@ -16,6 +16,7 @@ mod close;
 mod crs;
 mod faces;
 mod features;
+mod file_name;
 mod footprint;
 mod geojson;
 mod geometry;
@@ -49,12 +50,11 @@ mod distance;
 pub mod free_space;
 
 pub use bounds::Bounds;
+pub use file_name::{ENDINGS, ground_beside};
 pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle, ZoneSource};
 pub use raster::Source;
-pub use read::{
-    ENDINGS, GroundFile, ImportError, KNOWN_FORMATS, ground_beside, is_cloud, read, read_anchored, read_cloud, read_over_ground,
-};
+pub use read::{GroundFile, ImportError, KNOWN_FORMATS, is_cloud, read, read_anchored, read_cloud, read_over_ground};
 pub use report::{ImportReport, ItemKind, Meaning, Place, ReportItem};
 pub use terrain::{TERRAIN_NAME, Terrain};
 pub use write::to_geojson;

@@ -11,6 +11,7 @@ use serde::de::IgnoredAny;
 
 use super::anchor::Anchor;
 use super::bounds::Bounds;
+use super::file_name::stem;
 use super::json::Scalar;
 use super::proxy::{NoFlyZone, Scene, Shape, Structure};
 use super::raster::Source;
@@ -128,17 +129,6 @@ pub struct GroundFile<'f> {
     pub is_found: bool,
 }
 
-/// The path of the model of the ground that belongs beside a surface model, whether or not there is one: that with `dtm` in place of the last `dsm` in
-/// the file's name, in capitals where that is. `None` for files of other formats.
-pub fn ground_beside(file_name: &str) -> Option<String> {
-    let lower = file_name.to_ascii_lowercase();
-    let is_raster = [".tif", ".tiff"].iter().any(|ending| lower.ends_with(ending));
-    let base = lower.rfind(['/', '\\']).map_or(0, |slash| slash + 1);
-    let at = base + lower[base..].rfind("dsm").filter(|_| is_raster)?;
-    let ground = if file_name[at..].starts_with("DSM") { "DTM" } else { "dtm" };
-    Some(format!("{}{ground}{}", &file_name[..at], &file_name[at + 3..]))
-}
-
 /// Reads a surface model over a model of the ground; in the frame of a scene that was read before where an anchor is given. Other formats have their
 /// ground in themselves and are refused with one.
 pub fn read_over_ground(
@@ -203,7 +193,7 @@ fn read_format(
     }
     if matches!(first, b'{' | b'[') {
         return match json_kind(file_name, bytes)? {
-            JsonKind::Sequence => cityjson::read_sequence(file_name, bytes, settings, anchor),
+            JsonKind::Sequence => cityjson::sequence::read(file_name, bytes, settings, anchor),
             JsonKind::Gltf => guarded(file_name, || gltf_file::read(file_name, bytes, settings, anchor)),
             JsonKind::Typed(kind) if kind == "CityJSON" => cityjson::read(file_name, bytes, settings, anchor),
             JsonKind::Typed(kind) if kind == "CityJSONFeature" => {
@@ -249,42 +239,6 @@ fn guarded(
     let read = catch_unwind(AssertUnwindSafe(read));
     read.unwrap_or_else(|_| Err(ImportError::Undecodable { file: file_name.into() }))
 }
-
-/// The name of a scene: the last part of its path without the endings of the known formats, or the folder's name where the file's
-/// says only what every such file is.
-pub(crate) fn stem(file_name: &str) -> String {
-    let mut parts = file_name.rsplit(['/', '\\']).filter(|part| !part.is_empty());
-    let base = parts.next().unwrap_or(file_name);
-    let lower = base.to_lowercase();
-    let ending = ENDINGS.into_iter().find(|ending| lower.ends_with(ending));
-    let stem = ending.and_then(|ending| base.get(..base.len() - ending.len())).unwrap_or(base);
-    let telling = if GENERIC_STEMS.contains(&stem.to_lowercase().as_str()) { parts.next().unwrap_or(stem) } else { stem };
-    if telling.is_empty() { "scene".into() } else { super::names::tidy(telling) }
-}
-
-/// Endings of files that are read, longer ones first.
-pub const ENDINGS: [&str; 17] = [
-    ".city.jsonl",
-    ".city.json",
-    ".geo.json",
-    ".osm.pbf",
-    ".geojson",
-    ".jsonl",
-    ".json",
-    ".gltf",
-    ".glb",
-    ".obj",
-    ".pbf",
-    ".ply",
-    ".stl",
-    ".tif",
-    ".tiff",
-    ".las",
-    ".laz",
-];
-
-/// File names that tell nothing about the scene.
-const GENERIC_STEMS: [&str; 6] = ["buildings", "building", "scene", "model", "mesh", "city"];
 
 /// Puts the scene in order and completes the report.
 pub(crate) fn assemble(
@@ -402,22 +356,4 @@ fn count_overlaps(structures: &[Structure], report: &mut ImportReport) {
 fn boxes_overlap(a: &Bounds, b: &Bounds) -> bool {
     let depth = |axis: usize| a.max[axis].min(b.max[axis]) - a.min[axis].max(b.min[axis]);
     depth(0) > 0.0 && depth(1) > 0.0 && depth(0) * depth(1) > LEAST_OVERLAP_M2 && depth(2) > LEAST_OVERLAP_M
-}
-
-#[cfg(test)]
-mod tests {
-    use super::stem;
-
-    #[test]
-    fn a_scene_is_named_after_its_file_or_after_the_folder_where_the_file_s_name_says_nothing() {
-        for (path, name) in [
-            ("/towns/delfshaven.city.json", "delfshaven"),
-            ("C:\\towns\\old town.GeoJSON", "old town"),
-            ("/towns/nihonbashi/buildings.geojson", "nihonbashi"),
-            ("buildings.geojson", "buildings"),
-            ("/.geojson", "scene"),
-        ] {
-            assert_eq!(stem(path), name, "{path}");
-        }
-    }
 }

@@ -2,7 +2,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::*;
 use crate::autopilot::dialect::{
-    COMMAND_ACK_DATA, MISSION_ACK_DATA, MISSION_CURRENT_DATA, MISSION_REQUEST_INT_DATA, MavMissionResult, MavResult,
+    COMMAND_ACK_DATA, HEARTBEAT_DATA, MISSION_ACK_DATA, MISSION_CURRENT_DATA, MISSION_REQUEST_INT_DATA, MavAutopilot, MavCmd,
+    MavMissionResult, MavModeFlag, MavResult, MavType,
 };
 use crate::mission::fixture;
 use crate::trajectory::plan::Plan;
@@ -114,7 +115,7 @@ impl Field {
 
     fn heartbeat(&self) -> MavMessage {
         let base_mode = if self.is_armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { MavModeFlag::empty() };
-        let MavMessage::HEARTBEAT(ours) = heartbeat() else { panic!("a heartbeat") };
+        let MavMessage::HEARTBEAT(ours) = contact::heartbeat() else { panic!("a heartbeat") };
         let mavtype = MavType::MAV_TYPE_QUADROTOR;
         MavMessage::HEARTBEAT(HEARTBEAT_DATA { autopilot: self.kind, mavtype, base_mode, custom_mode: 0x0404_0000, ..ours })
     }

@@ -34,6 +34,8 @@ fn help_teaches_with_examples_units_and_exit_codes() {
         "reproduce",
         "evaluate",
         "rigs",
+        "completions",
+        "man",
     ];
     for command in commands {
         let output = place.run(&[command, "--help"]);

@@ -50,7 +50,7 @@ fn a_stop_request_ends_the_daemon_and_a_running_search_gives_its_plan() {
     std::thread::scope(|threads| {
         let search = threads.spawn(move || {
             let mut under_way = false;
-            let plan = pilot.plan(&loaded.scene, &endless(), &mut |note| under_way |= note.iteration > 0);
+            let plan = pilot.plan(&loaded.scene, &endless(), &mut |note| under_way |= note.done > 0);
             (plan, pilot)
         });
         wait_for("the search", || {

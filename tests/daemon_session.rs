@@ -21,7 +21,7 @@ fn one_client_plans_and_edits_while_another_watches() {
 
     let watch = observer.watch("block").unwrap();
     let mut iterations = Vec::new();
-    let plan = pilot.plan("block", &quick(), &mut |note| iterations.push(note.iteration)).unwrap();
+    let plan = pilot.plan("block", &quick(), &mut |note| iterations.push(note.done)).unwrap();
     assert!(iterations.is_sorted() && !iterations.is_empty(), "{iterations:?}");
     assert_eq!(plan.asked_by().0, pilot.id());
     let seen = watch.next(PATIENCE).unwrap().expect("the plan is published to everybody");

@@ -149,8 +149,7 @@ pub fn plan_file(
 pub fn build_field(scene: Scene, settings: &Arc<Settings>, stop: &StopToken, meter: &mut Meter) -> Result<Snapshot, Failure> {
     meter.stage("sampling the surface");
     let survey = Session::new(scene, Arc::clone(settings), stop)?.survey(stop)?;
-    meter.stage("casting the rays of the field");
-    Ok(survey.into_snapshot(stop)?)
+    Ok(meter.while_casting(stop, || survey.into_snapshot(stop))?)
 }
 
 /// What the command line asks of the planner.

@@ -34,6 +34,7 @@ mod rigs;
 mod scene;
 mod serve;
 mod settings_file;
+mod shell;
 mod shortfall;
 mod status;
 mod update;
@@ -92,6 +93,8 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Degrade(arguments) => degrade::run(arguments, form).map(Some),
         Command::Reproduce(arguments) => reproduce::run(arguments, form).map(Some),
         Command::Rigs(arguments) => rigs::run(arguments).map(Some),
+        Command::Completions(arguments) => shell::completions(arguments).map(Some),
+        Command::Man(arguments) => shell::man(arguments).map(Some),
     }
 }
 

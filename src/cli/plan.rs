@@ -44,7 +44,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
     let settings = Arc::new(settings.clone().with_sight(planner::flown_rig(options, &settings).sight_scale()));
     settings.check()?;
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
-    let mut meter = Meter::new(form);
+    let mut meter = Meter::with_budget(form, arguments.order.budget);
     let begun = Instant::now();
     let stop = StopToken::timed(move || begun.elapsed().as_secs_f64());
     let stopper = stop.clone();
@@ -90,7 +90,7 @@ fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Ans
     let domain = arguments.reach.domain.clone();
     let client = daemon::connect(domain.as_deref()).map_err(|failure| neither(&arguments.scene, failure))?;
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
-    let mut meter = Meter::new(form);
+    let mut meter = Meter::with_budget(form, arguments.order.budget);
     let scene = arguments.scene.clone();
     let interrupts = Interrupts::first(form, move || daemon::cancel(domain.as_deref(), &scene));
     let mut order = daemon::order(&arguments.order, given);

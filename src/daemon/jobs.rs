@@ -6,7 +6,7 @@ use std::convert::Infallible;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
 use overfly_table::Block;
@@ -30,6 +30,9 @@ use crate::trajectory::record::Record;
 
 /// Shortest time between two progress notes.
 const NOTE_GAP: Duration = Duration::from_millis(25);
+
+/// How often it is told how much of a field is built.
+const FIELD_NOTE_GAP: Duration = Duration::from_millis(100);
 
 /// A search waits no longer than this for its first safe plan to be published.
 const MOST_PAUSE: Duration = Duration::from_millis(5);
@@ -158,7 +161,7 @@ impl Workshop {
     /// Reads a scene file; with an anchor in the frame of a scene that was read before.
     pub fn read(&self, assignment: Assignment, source: FileSource, settings: Arc<Settings>, anchor: Option<Anchor>) {
         self.spawn(assignment, move |workshop, assignment| {
-            workshop.note(assignment, Stage::Read);
+            workshop.note(assignment, Stage::Read, [0, 0]);
             let max_bytes = settings.daemon.max_scene_mb.saturating_mul(1_000_000);
             let read = match source {
                 FileSource::Path { path, ground } => {
@@ -187,7 +190,8 @@ impl Workshop {
     fn build_field(&self, assignment: &Assignment, source: FieldSource, channel: &FieldChannel) -> Result<BuiltField, Failure> {
         let started = Instant::now();
         let stop = &assignment.stop;
-        self.note(assignment, Stage::Survey);
+        self.note(assignment, Stage::Survey, [0, 0]);
+        let is_anew = matches!(source, FieldSource::Scene(..));
         let (session, survey) = match source {
             FieldSource::Scene(scene, settings) => {
                 let session = Session::new(*scene, settings, stop)?;
@@ -199,10 +203,12 @@ impl Workshop {
                 (*session, survey)
             }
         };
-        self.note(assignment, Stage::Field);
+        self.note(assignment, Stage::Field, [0, 0]);
         let reserve = |count: usize| self.budget.reserve((count * Block::BYTES) as u64);
         let place = |count: usize, write: &dyn Fn(&mut [Block])| Ok(channel.segment(count, reserve(count)?, write)?);
-        let findings = survey.build::<Failure>(&place, stop)?;
+        let build = || survey.build::<Failure>(&place, stop);
+        // After an edit the field stands before anybody could read how far it has come.
+        let findings = if is_anew { self.tell_while(assignment, build) } else { build() }?;
         let count = findings.blocks();
         let filled = channel.fill(count, reserve(count)?, |blocks| findings.write(blocks))?;
         if stop.is_stopped() {
@@ -277,10 +283,27 @@ impl Workshop {
         }
     }
 
-    fn note(&self, assignment: &Assignment, stage: Stage) {
+    /// Tells again and again how much of the field is built by `work`.
+    fn tell_while<T>(&self, assignment: &Assignment, work: impl FnOnce() -> T) -> T {
+        let (at_work, is_over) = mpsc::channel::<Infallible>();
+        std::thread::scope(|scope| {
+            let tell = move || {
+                while is_over.recv_timeout(FIELD_NOTE_GAP) == Err(RecvTimeoutError::Timeout) {
+                    let steps = assignment.stop.progress().unwrap_or_default();
+                    self.note(assignment, Stage::Field, steps.map(|steps| u32::try_from(steps).unwrap_or(u32::MAX)));
+                }
+            };
+            // Without a thread for it nobody is told.
+            let _ = std::thread::Builder::new().name("progress".into()).spawn_scoped(scope, tell);
+            let made = work();
+            drop(at_work);
+            made
+        })
+    }
+
+    fn note(&self, assignment: &Assignment, stage: Stage, [done, of]: [u32; 2]) {
         let elapsed_s = assignment.taken_up.elapsed().as_secs_f64();
-        let note =
-            ProgressNote { stage, iteration: 0, iterations: 0, coverage_percent: 0.0, length_m: 0.0, objective: 0.0, elapsed_s };
+        let note = ProgressNote { stage, done, of, coverage_percent: 0.0, length_m: 0.0, objective: 0.0, elapsed_s };
         self.post(assignment, NewsKind::Progress(note));
     }
 
@@ -303,8 +326,8 @@ fn times(assignment: &Assignment, flight: &Flight, started: Instant, searched: I
 fn note(assignment: &Assignment, progress: &Progress) -> ProgressNote {
     ProgressNote {
         stage: Stage::Search,
-        iteration: progress.iteration,
-        iterations: progress.iterations,
+        done: progress.iteration,
+        of: progress.iterations,
         coverage_percent: progress.coverage_percent,
         length_m: progress.length_m,
         objective: progress.objective,

@@ -37,6 +37,7 @@ pub fn build_rows<E: From<FieldError> + Send>(
 ) -> Result<Visibility, E> {
     let (targets, groups) = (Targets::new(inputs), Group::all(inputs));
     let unions = Mutex::new(vec![0; inputs.samples.samples.len()]);
+    stop.begin(inputs.viewpoints.len());
     let of_tile = |tile: &Tile| {
         let reach = Reach::of(&tile.bounds, inputs.reach_m(), &groups);
         let (mut union, mut bits, mut rows) = (reach.masks(), reach.row(), SegmentRows::default());
@@ -50,6 +51,7 @@ pub fn build_rows<E: From<FieldError> + Send>(
                 union[patch * PATCH + offset] |= inputs.disks.mask(&targets.frames[i], &view);
             });
             bits.end(&mut rows);
+            stop.advance();
         }
         reach.merge(&union, &mut unions.lock().unwrap_or_else(PoisonError::into_inner));
         let patches = reach.number(&mut rows);

@@ -101,9 +101,9 @@ pub enum Stage {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProgressNote {
     pub stage: Stage,
-    /// Of the search; 0 in other stages.
-    pub iteration: u32,
-    pub iterations: u32,
+    /// Steps that are done, and all: of the search iterations, of the field viewpoints whose rays are cast. 0 of 0 where nobody counts.
+    pub done: u32,
+    pub of: u32,
     /// Best path so far, by the field.
     pub coverage_percent: f64,
     pub length_m: f64,

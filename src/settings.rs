@@ -158,6 +158,7 @@ pub struct NoFlySetting {
     /// Corners in metres east and north of the scene's origin, in place of degrees: for a scene without georeference.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub outline_m: Vec<[f64; 2]>,
+    /// Above the ground below, m.
     pub floor_m: f64,
     pub ceiling_m: f64,
 }

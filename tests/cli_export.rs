@@ -159,3 +159,64 @@ fn what_cannot_be_flown_is_refused_with_the_remedy() {
     .unwrap();
     refused(6, "no_plan", &[&plan[..], &["--config", "barred.toml"]].concat(), &["no-fly zone", "dome"]);
 }
+
+#[test]
+fn heights_above_the_terrain_need_the_scene_and_an_autopilot_that_has_them() {
+    let place = planned("phantom4-rtk");
+    let words = ["export", "out/plan.json", "--altitude", "terrain", "--out", "missions"];
+    let message = place.fails(2, "usage", &[&words[..], &["--to", "qgc"]].concat());
+    assert!(message.contains("PX4") && message.contains("--autopilot ardupilot"), "{message}");
+    let answer = place.json(&[&words[..], &["--to", "qgc", "--to", "kml", "--autopilot", "ardupilot"]].concat());
+    assert!(answer["notes"].to_string().contains("terrain data"), "{answer}");
+    let mission: Value = serde_json::from_slice(&place.read("missions/town-1.plan")).unwrap();
+    let frames: Vec<u64> =
+        mission["mission"]["items"].as_array().unwrap().iter().filter_map(|item| item["frame"].as_u64()).collect();
+    let plan: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
+    // On flat ground no leg is divided.
+    assert_eq!(frames.iter().filter(|frame| **frame == 10).count(), plan["waypoints"].as_array().unwrap().len());
+    let all = place.json(&[&words[..], &["--to", "all"]].concat());
+    assert!(all["notes"].to_string().contains("qgc is left out: PX4"), "{}", all["notes"]);
+    let flown = ["fly", "out/plan.json", "--dry-run", "--altitude", "terrain"];
+    let message = place.fails(2, "usage", &flown);
+    assert!(message.contains("--altitude relative"), "{message}");
+    let items = place.json(&[&flown[..], &["--autopilot", "ardupilot"]].concat())["items"].clone();
+    assert!(items.as_array().unwrap().iter().any(|item| item["frame"] == 10), "{items}");
+    std::fs::rename(place.path("town.geojson"), place.path("moved.geojson")).unwrap();
+    let message = place.fails(2, "usage", &[&words[..], &["--to", "ardupilot"]].concat());
+    assert!(message.contains("--scene"), "{message}");
+}
+
+#[test]
+fn a_flight_goes_around_a_zone_as_its_export_does() {
+    let place = planned("panoramic");
+    let plan: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
+    let origin = &plan["scene"]["origin"];
+    let settings = "[[flight.no_fly]]\nname = \"between\"\noutline_m = [[-300.0, -200.0], [-250.0, -200.0], [-250.0, 200.0], [-300.0, 200.0]]\n\
+                    floor_m = 0.0\nceiling_m = 500.0\n";
+    std::fs::write(place.path("between.toml"), settings).unwrap();
+    let degrees = |key: &str| origin[key].as_f64().unwrap();
+    // 500 m to the west, behind the zone.
+    let home =
+        format!("{},{}", degrees("lat_deg"), degrees("lon_deg") - 500.0 / (111_320.0 * degrees("lat_deg").to_radians().cos()));
+    let words = ["--home", &home, "--config", "between.toml"];
+    let answer = place.json(&[&["export", "out/plan.json", "--to", "qgc", "--out", "missions"], &words[..]].concat());
+    assert_eq!(answer["fences"], json!(["between"]), "the course keeps out of it");
+    assert!(answer["notes"].to_string().contains("straight way home"), "{}", answer["notes"]);
+    let mission: Value = serde_json::from_slice(&place.read("missions/town-1.plan")).unwrap();
+    let exported: Vec<&Value> =
+        mission["mission"]["items"].as_array().unwrap().iter().filter(|item| item["command"] == 16).collect();
+    let flown = place.json(&[&["fly", "out/plan.json", "--dry-run"], &words[..]].concat());
+    let flown: Vec<&Value> = flown["items"].as_array().unwrap().iter().filter(|item| item["command"] == 16).collect();
+    assert_eq!(flown.len(), exported.len());
+    assert!(flown.len() > plan["waypoints"].as_array().unwrap().len() + 4, "{} waypoints", flown.len());
+    for (item, exported) in flown.iter().zip(&exported) {
+        let near = |value: &Value, degrees: &Value| (value.as_f64().unwrap() * 1e-7 - degrees.as_f64().unwrap()).abs() < 1e-7;
+        assert!(near(&item["x"], &exported["params"][4]) && near(&item["y"], &exported["params"][5]), "{item} and {exported}");
+    }
+    // Without the scene nothing is known of structures, and that is said.
+    std::fs::rename(place.path("town.geojson"), place.path("moved.geojson")).unwrap();
+    let unaware = place.json(&["fly", "out/plan.json", "--dry-run"]);
+    assert!(unaware["notes"].to_string().contains("the scene is not known"), "{unaware}");
+    let aware = place.json(&["fly", "out/plan.json", "--dry-run", "--scene", "moved.geojson"]);
+    assert!(!aware["notes"].to_string().contains("the scene is not known"), "{}", aware["notes"]);
+}

@@ -110,7 +110,9 @@ impl Failure {
             Failure::RigFile { .. } | Failure::PlanFile(_) | Failure::Misplaced(_) | Failure::UnknownScene { .. } => {
                 Kind::InputFile
             }
-            Failure::Course(CourseError::NoPlace { .. } | CourseError::FarHome { .. }) => Kind::Usage,
+            Failure::Course(
+                CourseError::NoPlace { .. } | CourseError::FarHome { .. } | CourseError::NoTerrain | CourseError::TerrainFrame,
+            ) => Kind::Usage,
             Failure::Course(
                 CourseError::NoGeoreference { .. }
                 | CourseError::TooFewWaypoints { .. }
@@ -118,7 +120,9 @@ impl Failure {
                 | CourseError::NoLimits,
             ) => Kind::InputFile,
             Failure::Course(_) => Kind::NoPlan,
-            Failure::Pilot(PilotError::Mission(MissionError::NoSortie { .. })) => Kind::Usage,
+            Failure::Pilot(PilotError::Mission(
+                MissionError::NoSortie { .. } | MissionError::Course(CourseError::NoTerrain | CourseError::TerrainFrame),
+            )) => Kind::Usage,
             Failure::Pilot(PilotError::Mission(_)) => Kind::NoPlan,
             Failure::Link(_) | Failure::Pilot(_) => Kind::Autopilot,
             Failure::Field(_) | Failure::Plan(_) | Failure::Bound(_) | Failure::Rig(_) => Kind::NoPlan,

@@ -21,6 +21,7 @@ def main():
     try:
         import apps
         import flights
+        import hill
         import missions
         import priors
     except ImportError as error:
@@ -38,6 +39,8 @@ def main():
             differences.check(whole and joined, f"the sorties {sorties} are not the whole flight")
             for part in (missions, apps, priors):
                 part.check(flight, differences)
+        print("over a hill:")
+        hill.check(arguments.binary.resolve(), folder.resolve() / "hill", differences)
     if differences.found:
         sys.exit(f"{differences.found} differences")
     print("no differences")

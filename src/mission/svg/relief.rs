@@ -15,19 +15,20 @@ use crate::scene::Terrain;
 const STEP: f64 = 8.0;
 /// There are no more lines than this, and they lie whole metres apart.
 const LINES: f64 = 14.0;
-/// Every so manyth line is bold and tells its height; such numbers are this far apart, pixels.
+/// Every so manyth line is bold. Numbers are this far apart, pixels.
 const BOLD: i64 = 5;
 const LABEL_GAP: f64 = 130.0;
 
-/// Lines of one height, seen from above.
-pub fn from_above(sheet: &Sheet, terrain: &Terrain) -> Group {
+/// Lines of one height, seen from above, and their numbers, which stand over the buildings.
+pub fn from_above(sheet: &Sheet, terrain: &Terrain) -> [Group; 2] {
     let grid = Grid::over(sheet, terrain);
     let [lowest_m, highest_m] = grid.range_m();
     let apart_m = sheet::round_up(((highest_m - lowest_m) / LINES).max(1.0));
     let mut group = pen::group("relief").set("data-apart-m", apart_m);
-    let mut labels = Group::new();
+    let mut labels = pen::group("relief-heights");
     let mut labelled: Vec<Place> = Vec::new();
-    for number in (lowest_m / apart_m).ceil() as i64..=(highest_m / apart_m).floor() as i64 {
+    // Level ground at the lowest height has no line.
+    for number in (lowest_m / apart_m).floor() as i64 + 1..=(highest_m / apart_m).floor() as i64 {
         let height_m = number as f64 * apart_m;
         let lines = grid.lines(height_m);
         let is_bold = number % BOLD == 0;
@@ -41,12 +42,14 @@ pub fn from_above(sheet: &Sheet, terrain: &Terrain) -> Group {
         let middles = lines.iter().filter(|line| line.len() > 8).map(|line| line[line.len() / 2]);
         for place in thin::apart(middles, labelled.iter().copied(), LABEL_GAP) {
             labelled.push(place);
-            let text = pen::text([place[0], place[1] + 3.5], 10.5, Anchor::Middle, &format!("{height_m:.0}"));
-            let text = text.set("fill", colour::CONTOUR_INK).set("stroke", colour::GROUND).set("stroke-width", 3);
-            labels = labels.add(text.set("paint-order", "stroke"));
+            let text = || pen::text([place[0], place[1] + 3.5], 10.5, Anchor::Middle, &format!("{height_m:.0}"));
+            // Not every viewer knows an order of stroke and filling.
+            labels = labels
+                .add(text().set("stroke", colour::GROUND).set("stroke-width", 3).set("stroke-linejoin", "round"))
+                .add(text().set("fill", colour::CONTOUR_INK));
         }
     }
-    group.add(labels)
+    [group, labels]
 }
 
 /// The ground from its lowest to its highest place at each easting, and what lies below.
@@ -177,8 +180,8 @@ mod tests {
                 assert!((terrain.height_m(x, y) - height_m).abs() < 1.0, "{} m at {x}, {y}", terrain.height_m(x, y));
             }
         }
-        let text = from_above(&sheet, &terrain).to_string();
-        assert!(text.contains("data-height-m=\"25\"") && text.contains(">25</text>") || text.contains("\n25\n"), "{text}");
+        let [lines, numbers] = from_above(&sheet, &terrain).map(|group| group.to_string());
+        assert!(lines.contains("data-height-m=\"25\"") && numbers.matches("<text").count() >= 4, "{numbers}");
         let side = from_south(&sheet, &terrain).to_string();
         assert_eq!(side.matches("<path").count(), 4);
     }

@@ -35,13 +35,14 @@ pub fn draw(
     plan: &Plan,
     path: &[Instant],
 ) -> Group {
-    let ground = terrain.map_or_else(Group::new, |terrain| relief::from_above(sheet, terrain));
+    let [ground, heights] = terrain.map_or_else(|| [Group::new(), Group::new()], |terrain| relief::from_above(sheet, terrain));
     pen::group("top-view")
         .add(axes(sheet))
         .add(ground)
         .add(buildings(sheet, field, tallies))
         .add(wall_shares(sheet, field, tallies))
         .add(roof_shares(sheet, field, tallies))
+        .add(heights)
         .add(beyond_reach(sheet, field, plan))
         .add(flight(sheet, plan, path))
 }

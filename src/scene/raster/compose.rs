@@ -69,8 +69,8 @@ pub(super) fn compose(
     let terrain = modelled.terrain.lowered(zero_m);
     let [low_m, high_m] = terrain.range_m();
     report.notes.push(format!(
-        "terrain of {:.1} m cells, {:.1} m of relief; it lies up to {:.1} m above the ground that it is made of and 0.5 m below at most. Heights of the scene, \
-         of no-fly zones too, count from its lowest place, {zero_m:.2} m in the file",
+        "terrain of {:.1} m cells, {:.1} m of relief; it lies up to {:.1} m above the ground that it is made of and 0.5 m below at most. Heights of the scene \
+         count from its lowest place, {zero_m:.2} m in the file, and those of no-fly zones from the ground below",
         terrain.cell_m(),
         high_m - low_m,
         modelled.most_above_m,

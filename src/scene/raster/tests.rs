@@ -374,24 +374,4 @@ proptest! {
         let bytes = [head, &rest].concat();
         prop_assert!(alone(&bytes).is_err());
     }
-
-    #[test]
-    fn damaged_rasters_and_clouds_are_read_or_refused(
-        which in 0usize..3, faults in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6), in_head in any::<bool>(),
-    ) {
-        let mut bytes = match which {
-            0 => Made::new(40, 1.0).heights(houses),
-            1 => las(&points([2, 6, 5])[..600], false),
-            _ => las(&points([2, 6, 5])[..600], true),
-        };
-        let from = if which == 0 && in_head { bytes.len().saturating_sub(300) } else { 4 };
-        let span = if in_head { 500.min(bytes.len() - from) } else { bytes.len() - from };
-        for (place, value) in faults {
-            let at = from + place.index(span);
-            bytes[at] = value;
-        }
-        if let Ok((scene, _)) = alone(&bytes) {
-            prop_assert!(scene.bounds().is_some());
-        }
-    }
 }

@@ -82,6 +82,8 @@ pub enum Failure {
     Link(#[from] LinkError),
     #[error(transparent)]
     Pilot(#[from] PilotError),
+    #[error("port {port} of 127.0.0.1 cannot be had: {cause}; give another one, or 0 for one that is free, with `--html`")]
+    Port { port: u16, cause: io::Error },
     #[error(transparent)]
     Drawing(#[from] SvgError),
     #[error("{0}")]
@@ -127,7 +129,9 @@ impl Failure {
             Failure::Link(_) | Failure::Pilot(_) => Kind::Autopilot,
             Failure::Field(_) | Failure::Plan(_) | Failure::Bound(_) | Failure::Rig(_) => Kind::NoPlan,
             Failure::Daemon(_) | Failure::Serve(_) | Failure::NoSuchScene { .. } => Kind::NoDaemon,
-            Failure::Write { .. } | Failure::Print(_) | Failure::Drawing(_) | Failure::Unexpected(_) => Kind::Unexpected,
+            Failure::Write { .. } | Failure::Print(_) | Failure::Port { .. } | Failure::Drawing(_) | Failure::Unexpected(_) => {
+                Kind::Unexpected
+            }
         }
     }
 

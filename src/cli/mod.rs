@@ -22,6 +22,7 @@ mod import_lines;
 mod in_process;
 mod inspect;
 mod interrupt;
+mod live;
 mod load;
 mod machine;
 mod outputs;

@@ -1,4 +1,4 @@
-//! `overfly watch`: each new plan of a scene, as it is published.
+//! `overfly watch`: each new plan of a scene, as it is published; as lines, or on a page.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,15 +8,18 @@ use serde_json::json;
 
 use super::answer::{Answer, Form};
 use super::arguments::WatchArgs;
-use super::daemon;
 use super::failure::Failure;
 use super::outputs::{self, FileNames};
+use super::{daemon, live};
 use crate::trajectory::plan::{Plan, StopReason};
 
 /// How long to wait for a plan before asking whether the daemon is still there.
 const ASK_AGAIN: Duration = Duration::from_secs(5);
 
 pub fn run(arguments: &WatchArgs, form: Form) -> Result<(), Failure> {
+    if let Some(port) = arguments.html {
+        return live::run(arguments, port, form);
+    }
     let client = daemon::connect(arguments.reach.domain.as_deref())?;
     let watch = client.watch(&arguments.scene)?;
     form.remark(&format!("watching {}; Ctrl-C ends it", arguments.scene));

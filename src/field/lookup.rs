@@ -34,15 +34,19 @@ impl Lookup {
         self.tree.get_or_init(grow).as_ref()
     }
 
+    /// The nearest viewpoint, whatever stands between.
+    pub fn nearest(&self, p: &Point3<f64>) -> Option<usize> {
+        let nearest = self.tree()?.query(&[p.x, p.y, p.z]).nearest_one::<SquaredEuclidean<f64>>().execute();
+        Some(nearest.item as usize)
+    }
+
     /// The nearest viewpoint with a line of sight to `p`: a nearer one behind a corner sees another street.
     pub fn nearest_in_sight(&self, p: &Point3<f64>, clearance: &Clearance) -> Option<usize> {
-        let query = [p.x, p.y, p.z];
-        let tree = self.tree()?;
-        let nearest = tree.query(&query).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize;
+        let nearest = self.nearest(p)?;
         if !clearance.occluded(p, &self.positions[nearest]) {
             return Some(nearest);
         }
-        let candidates = tree.query(&query).nearest_n::<SquaredEuclidean<f64>>(CANDIDATES).execute();
+        let candidates = self.tree()?.query(&[p.x, p.y, p.z]).nearest_n::<SquaredEuclidean<f64>>(CANDIDATES).execute();
         candidates.iter().map(|found| found.item as usize).find(|&j| !clearance.occluded(p, &self.positions[j]))
     }
 }

@@ -7,6 +7,8 @@ pub mod quality_json;
 pub mod run_json;
 pub mod svg;
 
+pub mod page;
+
 pub mod course;
 pub mod mav_items;
 

@@ -4,7 +4,7 @@
 mod charts;
 mod colour;
 mod distribution;
-mod flight;
+pub(in crate::mission) mod flight;
 mod heading;
 mod legend;
 mod pen;
@@ -38,9 +38,8 @@ pub enum SvgError {
     OtherField { plan_revision: u64, plan_samples: usize, field_revision: u64, field_samples: usize },
 }
 
-/// The file's content. `field` is the field of the plan's scene revision: outlines, samples and what can be captured come from it. The ground is drawn where its
-/// terrain is known, which a field does not hold.
-pub fn to_bytes(field: &FieldTable, terrain: Option<&Terrain>, plan: &Plan) -> Result<Vec<u8>, SvgError> {
+/// Whether a plan was made on a field, sample for sample.
+pub fn check(field: &FieldTable, plan: &Plan) -> Result<(), SvgError> {
     if plan.cells.len() != field.samples.len()
         || plan.ceilings.len() != field.samples.len()
         || plan.scene.revision != field.facts.revision
@@ -52,6 +51,13 @@ pub fn to_bytes(field: &FieldTable, terrain: Option<&Terrain>, plan: &Plan) -> R
             field_samples: field.samples.len(),
         });
     }
+    Ok(())
+}
+
+/// The file's content. `field` is the field of the plan's scene revision: outlines, samples and what can be captured come from it. The ground is drawn where its
+/// terrain is known, which a field does not hold.
+pub fn to_bytes(field: &FieldTable, terrain: Option<&Terrain>, plan: &Plan) -> Result<Vec<u8>, SvgError> {
+    check(field, plan)?;
     let sheet = Sheet::of(field, plan);
     let tallies = walls::tally(field, plan);
     let path = flight::timed_path(plan);

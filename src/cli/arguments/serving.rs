@@ -58,7 +58,10 @@ pub struct LoadArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "With --out each plan is written as revision-R-seed-S.json, revision-R-seed-S.svg and revision-R-seed-S-run.json.\n\nExample:\n  overfly watch town --count 3 --json"
+    after_help = "With --out each plan is written as revision-R-seed-S.json, revision-R-seed-S.svg and revision-R-seed-S-run.json.\n\n\
+    With --html the address is printed. Whoever may use this machine may open it and edit the scene; nobody else can, and pages of other sites cannot either. \
+    When the daemon ends the page says so, and goes on when it is back and the scene is loaded again.\n\n\
+    Examples:\n  overfly watch town --count 3 --json\n  overfly watch town --html 8080 --open"
 )]
 pub struct WatchArgs {
     /// Name of the loaded scene
@@ -69,6 +72,13 @@ pub struct WatchArgs {
     /// Folder for the plans
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Instead of lines a page for the browsers of this machine, on this port of 127.0.0.1 (0: one that is free): scene and flight, what an edit changes of
+    /// it, and buildings that are raised, lowered or removed by a click
+    #[arg(long, value_name = "PORT", conflicts_with_all = ["count", "out"])]
+    pub html: Option<u16>,
+    /// With --html: show the page in the browser at once
+    #[arg(long, requires = "html")]
+    pub open: bool,
     #[command(flatten)]
     pub reach: Reach,
 }

@@ -1,0 +1,238 @@
+// The live side of the page: plans as the daemon publishes them, edits of what was picked, and what the connection is like.
+
+{
+    const room = document.getElementById('live');
+    const { token } = JSON.parse(document.getElementById('live-settings').textContent);
+
+    const PHASES = {
+        connecting: 'looking for the daemon…',
+        lost: 'daemon lost, reconnecting…',
+        unloaded: 'waiting for the scene to be loaded…',
+        idle: 'live',
+        building: 'live: looking at what has changed…',
+        planning: 'live: searching for a better path…',
+        unheard: 'the server of this page does not answer, trying again…',
+    };
+
+    const STYLE = `
+        #live { display: grid; gap: 0.5rem; }
+        #live p, #live h3, #live ul { margin: 0; padding: 0; font-size: inherit; }
+        #live form { display: flex; flex-wrap: wrap; gap: 0.4rem; align-items: center; }
+        #live section { display: grid; gap: 0.4rem; }
+        #live input, #live button { font: inherit; color: inherit; background: transparent; border: 1px solid; border-radius: 4px; padding: 0.2rem 0.5rem; }
+        #live input[type=search] { flex: 1; min-width: 8rem; }
+        #live input[type=number] { width: 5rem; }
+        #live button { cursor: pointer; min-height: 1.9rem; }
+        #live :focus-visible { outline: 2px solid; outline-offset: 2px; }
+        #live li { display: flex; justify-content: space-between; gap: 0.4rem; align-items: center; list-style: none; }
+        #live [role=alert]:not(:empty) { border-left: 4px solid; padding-left: 0.5rem; font-weight: 600; }
+        #live[data-phase=lost], #live[data-phase=unheard] { font-weight: 600; }
+        #live [hidden], #live :is(p, ul):empty { display: none; }`;
+
+    const make = (tag, attributes, ...children) => {
+        const made = Object.assign(document.createElement(tag), attributes);
+        made.append(...children);
+        return made;
+    };
+    const button = (text, act) => make('button', { type: 'button', textContent: text, onclick: act });
+    const line = (role) => {
+        const made = make('p', {});
+        made.setAttribute('role', role);
+        return made;
+    };
+
+    const connection = line('status');
+    const progress = line('status');
+    const refused = line('alert');
+    const danger = line('alert');
+
+    // Whatever can be clicked can be found by its name as well.
+    const names = make('datalist', { id: 'live-names' });
+    const search = make('input', { id: 'live-search', type: 'search', autocomplete: 'off' });
+    search.setAttribute('list', 'live-names');
+    const finder = make(
+        'form', {},
+        make('label', { htmlFor: 'live-search', textContent: 'Building' }), search, names, make('button', { type: 'submit', textContent: 'Choose' }),
+    );
+    const chosen = make('section', { hidden: true });
+    chosen.setAttribute('aria-labelledby', 'live-title');
+    const removed = make('ul', {});
+    removed.setAttribute('aria-label', 'Removed buildings');
+    room.append(make('style', { textContent: STYLE }), connection, danger, finder, chosen, removed, progress, refused);
+
+    const state = {
+        run: null, // of the server
+        isHeard: false,
+        status: { phase: 'connecting', remark: null, revision: null, removed: [] },
+        structures: [],
+        picked: null, // id
+        by: 15, // m
+        newest: null, // not drawn yet
+        shown: { revision: 0, at: 0 },
+        edit: null, // whose path has not come yet
+    };
+
+    // The daemon reads ids in hexadecimal, the page's data have them in decimal digits.
+    const idOf = (structure) => BigInt(structure.id).toString(16).padStart(16, '0');
+
+    function tellConnection() {
+        const { phase, remark, revision } = state.isHeard ? state.status : { phase: 'unheard' };
+        const parts = [PHASES[phase], revision && `revision ${revision}`].filter(Boolean).join(', ');
+        connection.textContent = remark ? `${parts} (${remark})` : parts;
+        room.dataset.phase = phase;
+    }
+
+    function tellRemoved() {
+        removed.replaceChildren(...state.status.removed.map(({ id, name }) => {
+            const back = button('Put back', () => edit({ edit: 'restore', structure: id }, `${name} is put back`));
+            back.setAttribute('aria-label', `Put ${name} back`);
+            return make('li', {}, make('span', { textContent: `${name}, removed` }), back);
+        }));
+    }
+
+    function tellChosen() {
+        const structure = state.structures.find((one) => one.id === state.picked);
+        chosen.hidden = !structure;
+        room.dataset.picked = structure?.name ?? '';
+        if (!structure) {
+            chosen.replaceChildren();
+            return;
+        }
+        const height = `${(structure.top_m - structure.base_m).toFixed(1)} m high, top at ${structure.top_m.toFixed(1)} m`;
+        // What is typed, or has the focus, at the moment stays.
+        const told = chosen.querySelector('output');
+        if (told && chosen.dataset.id === structure.id) {
+            told.textContent = height;
+            return;
+        }
+        chosen.dataset.id = structure.id;
+        const { name } = structure;
+        const by = make('input', { id: 'live-by', type: 'number', min: '0.1', max: '500', step: 'any', value: String(state.by), required: true });
+        const change = (kind, word) => {
+            if (!by.reportValidity()) return;
+            state.by = by.valueAsNumber;
+            edit({ edit: kind, structure: idOf(structure), by_m: state.by }, `${name} is ${word} by ${state.by} m`);
+        };
+        const form = make(
+            'form', {},
+            make('label', { htmlFor: 'live-by', textContent: 'by metres' }), by, make('button', { type: 'submit', textContent: 'Raise' }),
+            button('Lower', () => change('lower', 'lowered')),
+            button('Remove', () => edit({ edit: 'remove', structure: idOf(structure) }, `${name} is removed`)),
+        );
+        form.onsubmit = (event) => {
+            event.preventDefault();
+            change('raise', 'raised');
+        };
+        chosen.replaceChildren(make('h3', { id: 'live-title', textContent: name }), make('output', { textContent: height }), form);
+    }
+
+    finder.onsubmit = (event) => {
+        event.preventDefault();
+        const wanted = search.value.trim().toLowerCase();
+        const called = (fits) => state.structures.find((one) => fits(one.name.toLowerCase()));
+        const found = wanted && (called((name) => name === wanted) ?? called((name) => name.includes(wanted)));
+        refused.textContent = found ? '' : `There is no building called “${search.value}”.`;
+        if (!found) return;
+        state.picked = found.id;
+        tellChosen();
+        chosen.querySelector('input').focus();
+    };
+
+    async function edit(order, words) {
+        const mine = { clicked: performance.now(), words, revision: null };
+        state.edit = mine;
+        room.dataset.edit = 'waiting';
+        refused.textContent = '';
+        progress.textContent = `${words}: replanning…`;
+        const answer = await ask(order);
+        if (answer.error) {
+            refused.textContent = `Not done: ${answer.error}`;
+            end(mine, 'refused', '');
+        } else if (!answer.replan_follows) {
+            end(mine, 'made', `${words}; no plan follows, because the scene has not been planned yet`);
+        } else {
+            mine.revision = answer.revision;
+            settle();
+        }
+    }
+
+    async function ask(order) {
+        const headers = { 'content-type': 'application/json', 'x-overfly-token': token };
+        try {
+            const response = await fetch('edits', { method: 'POST', headers, body: JSON.stringify(order) });
+            return await response.json();
+        } catch {
+            return { error: 'the server of this page does not answer' };
+        }
+    }
+
+    // A later edit has taken the place of one that it ended.
+    function end(mine, how, words) {
+        if (state.edit !== mine) return;
+        state.edit = null;
+        room.dataset.edit = how;
+        progress.textContent = words;
+    }
+
+    // The path that an edit leads to may be here before the daemon's word that the edit was made.
+    function settle() {
+        const { edit: mine, shown } = state;
+        if (!mine || mine.revision === null || shown.revision < mine.revision) return;
+        const latency = Math.max(0, shown.at - mine.clicked);
+        room.dataset.latencyMs = latency.toFixed(1);
+        end(mine, 'shown', `${mine.words}: new path after ${latency.toFixed(0)} ms`);
+    }
+
+    function show() {
+        const { newest } = state;
+        state.newest = null;
+        window.overfly.show(newest.page);
+        state.structures = newest.page.scenes[0].structures.filter((one) => one.kind !== 'terrain');
+        names.replaceChildren(...state.structures.map(({ name }) => make('option', { value: name })));
+        tellChosen();
+        danger.textContent = dangerOf(newest);
+        // The next frame has it on the screen; a page in the background draws none.
+        const drawn = () => {
+            state.shown = { revision: newest.revision, at: performance.now() };
+            Object.assign(room.dataset, { revision: newest.revision, epoch: newest.epoch ?? '', interim: newest.is_interim });
+            settle();
+        };
+        if (document.hidden) drawn();
+        else requestAnimationFrame(() => setTimeout(drawn));
+    }
+
+    function dangerOf({ infeasible, page }) {
+        if (infeasible) return `There is no flight; do not fly the plan before: ${infeasible}`;
+        return page.flights.length > 0 ? '' : 'The scene has not been planned yet; order a plan with “overfly plan”. A flight that is still shown is not of this scene.';
+    }
+
+    const events = new EventSource('events');
+    const hear = (isHeard) => {
+        state.isHeard = isHeard;
+        tellConnection();
+    };
+    events.onopen = () => hear(true);
+    events.onerror = () => hear(false);
+    events.addEventListener('hello', (event) => {
+        const { run } = JSON.parse(event.data);
+        // A server that was started anew takes another token.
+        if (state.run !== null && state.run !== run) window.location.reload();
+        state.run = run;
+    });
+    events.addEventListener('status', (event) => {
+        state.status = JSON.parse(event.data);
+        tellConnection();
+        tellRemoved();
+    });
+    events.addEventListener('show', (event) => {
+        // When plans come faster than they are drawn, only the newest is.
+        const isDue = state.newest === null;
+        state.newest = JSON.parse(event.data);
+        if (isDue) setTimeout(show);
+    });
+    window.overfly.onPick((structure) => {
+        state.picked = structure?.id ?? null;
+        tellChosen();
+    });
+    tellConnection();
+}

@@ -1,0 +1,175 @@
+// The canvas: what stands on it, the camera, and drawing when something has changed and only then.
+
+const FIELD_OF_VIEW_DEG = 40;
+const START_VIEW = { azimuth: 28, elevation: 34 };
+
+export function canDraw() {
+    try {
+        const gl = document.createElement('canvas').getContext('webgl2');
+        if (!gl) return null;
+        const info = gl.getExtension('WEBGL_debug_renderer_info');
+        const renderer = String(info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER));
+        gl.getExtension('WEBGL_lose_context')?.loseContext();
+        return { renderer, isSoftware: /swiftshader|llvmpipe|software|basic render/i.test(renderer) };
+    } catch {
+        return null;
+    }
+}
+
+export class Stage {
+    constructor(canvas, overlay, drawing) {
+        this.canvas = canvas;
+        this.overlay = overlay;
+        // A processor that draws in place of a graphics card gets fewer pixels to fill.
+        this.most_pixels = drawing.isSoftware ? 1 : 2;
+        this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !drawing.isSoftware, alpha: true, powerPreference: 'low-power' });
+        this.renderer.setClearAlpha(0);
+        this.renderer.info.autoReset = true;
+        this.scene = new THREE.Scene();
+        this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 1, 10_000);
+        this.camera.up.set(0, 0, 1);
+        this.controls = new THREE.OrbitControls(this.camera, canvas);
+        Object.assign(this.controls, { maxPolarAngle: 0.497 * Math.PI, minDistance: 5, screenSpacePanning: false, zoomToCursor: true, rotateSpeed: 0.7 });
+        this.controls.addEventListener('change', () => this.invalidate());
+        this.labels = [];
+        this.isDue = false;
+        this.frames = 0;
+        this.beforeDrawing = [];
+        new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
+        this.resize();
+    }
+
+    resize() {
+        const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+        if (width === 0 || height === 0) return;
+        this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, this.most_pixels));
+        this.renderer.setSize(width, height, false);
+        this.camera.aspect = width / height;
+        this.camera.updateProjectionMatrix();
+        this.invalidate();
+    }
+
+    invalidate() {
+        if (this.isDue) return;
+        this.isDue = true;
+        requestAnimationFrame(() => this.draw());
+    }
+
+    draw() {
+        this.isDue = false;
+        const distance = this.distance();
+        this.camera.near = Math.max(distance / 400, 0.3);
+        this.camera.far = distance + 8 * this.radius;
+        this.camera.updateProjectionMatrix();
+        this.beforeDrawing.forEach((prepare) => prepare());
+        this.renderer.render(this.scene, this.camera);
+        this.placeLabels();
+        this.frames += 1;
+        if (this.frames === 1) window.overfly.firstFrame = performance.now();
+    }
+
+    distance() {
+        return this.camera.position.distanceTo(this.controls.target);
+    }
+
+    // What is to be seen when nothing else is asked for.
+    frame(bounds) {
+        this.bounds = bounds;
+        this.radius = Math.max(Math.hypot(...[0, 1, 2].map((axis) => bounds.max[axis] - bounds.min[axis])) / 2, 20);
+        this.controls.maxDistance = 7 * this.radius;
+    }
+
+    home() {
+        const { min, max } = this.bounds;
+        const middle = [0, 1, 2].map((axis) => (min[axis] + max[axis]) / 2);
+        this.look({ ...START_VIEW, target: [middle[0], middle[1], min[2] + 0.25 * (max[2] - min[2])], distance: this.fitting() });
+    }
+
+    fitting() {
+        const half = Math.tan((FIELD_OF_VIEW_DEG * Math.PI) / 360);
+        return (0.9 * this.radius) / (half * Math.min(1, this.camera.aspect));
+    }
+
+    above() {
+        const { target } = this.view();
+        this.look({ azimuth: 0, elevation: 89.5, target, distance: this.distance() });
+    }
+
+    // From where the camera looks: clockwise from north as seen from the target's north, up from the horizon, degrees.
+    look({ azimuth, elevation, target, distance }) {
+        const [a, e] = [azimuth, elevation].map((angle) => (angle * Math.PI) / 180);
+        this.controls.target.set(...target);
+        this.camera.position.set(
+            target[0] - distance * Math.sin(a) * Math.cos(e),
+            target[1] - distance * Math.cos(a) * Math.cos(e),
+            target[2] + distance * Math.sin(e),
+        );
+        this.controls.update();
+        this.invalidate();
+    }
+
+    view() {
+        const { target } = this.controls;
+        const away = this.camera.position.clone().sub(target);
+        const distance = away.length();
+        return {
+            azimuth: (Math.atan2(-away.x, -away.y) * 180) / Math.PI,
+            elevation: (Math.asin(away.z / distance) * 180) / Math.PI,
+            target: target.toArray(),
+            distance,
+        };
+    }
+
+    turn(azimuth, elevation) {
+        const view = this.view();
+        this.look({ ...view, azimuth: view.azimuth + azimuth, elevation: Math.min(Math.max(view.elevation + elevation, 1), 89.5) });
+    }
+
+    zoom(factor) {
+        const view = this.view();
+        this.look({ ...view, distance: Math.min(Math.max(view.distance * factor, 5), this.controls.maxDistance) });
+    }
+
+    // Over the ground, in shares of the distance.
+    pan(right, forward) {
+        const view = this.view();
+        const a = (view.azimuth * Math.PI) / 180;
+        const [x, y] = [right * Math.cos(a) + forward * Math.sin(a), forward * Math.cos(a) - right * Math.sin(a)];
+        const step = 0.06 * view.distance;
+        this.look({ ...view, target: [view.target[0] + step * x, view.target[1] + step * y, view.target[2]] });
+    }
+
+    // The ray through a place of the canvas, px from its top left corner.
+    ray(x, y) {
+        const { clientWidth: width, clientHeight: height } = this.canvas;
+        const through = new THREE.Vector3((2 * x) / width - 1, 1 - (2 * y) / height, 0.5).unproject(this.camera);
+        return { from: this.camera.position.toArray(), towards: through.sub(this.camera.position).normalize().toArray() };
+    }
+
+    // Where a point is on the canvas, px; none behind the camera.
+    project(point) {
+        const seen = new THREE.Vector3(...point).project(this.camera);
+        if (seen.z > 1 || seen.z < -1) return null;
+        return [((seen.x + 1) / 2) * this.canvas.clientWidth, ((1 - seen.y) / 2) * this.canvas.clientHeight];
+    }
+
+    setLabels(labels) {
+        this.labels.forEach(({ element }) => element.remove());
+        this.labels = labels.map(({ at, text, kind }) => {
+            const element = document.createElement('span');
+            element.className = `label ${kind}`;
+            element.textContent = text;
+            this.overlay.append(element);
+            return { at, element };
+        });
+        this.invalidate();
+    }
+
+    placeLabels() {
+        for (const { at, element } of this.labels) {
+            const place = this.project(at);
+            element.hidden = place === null;
+            if (place) element.style.transform = `translate(${place[0].toFixed(1)}px, ${place[1].toFixed(1)}px)`;
+        }
+    }
+}

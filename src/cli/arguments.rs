@@ -5,6 +5,7 @@ mod export;
 mod fly;
 mod measuring;
 mod reading;
+mod view;
 
 use std::path::PathBuf;
 
@@ -15,6 +16,7 @@ pub use self::export::{ExportArgs, Format};
 pub use self::fly::FlyArgs;
 pub use self::measuring::{BenchArgs, BoundArgs, ReproduceArgs, Subject};
 pub use self::reading::{InspectArgs, ReadArgs};
+pub use self::view::ViewArgs;
 use super::en_route::EnRouteArgs;
 use super::values::{self, Degrees2, Meters2, Meters3, Outline};
 use crate::scene::degrade::Boundary;
@@ -39,7 +41,8 @@ Lengths are metres, times seconds, angles degrees; positions are east, north, up
 const EXAMPLES: &str = "\
 Examples:
   overfly demo                                  the whole thing on a generated block, in a few seconds
-  overfly plan town.geojson --out flights/town  plan without a daemon; writes plan.json, plan.svg, run.json
+  overfly plan town.geojson --out flights/town  plan without a daemon; writes plan.json, plan.svg, run.json and plan.html
+  overfly view flights/town/plan.json           look at it in the browser
   overfly serve                                 start the daemon, then in another terminal:
   overfly load town.geojson
   overfly plan town --rig phantom4-rtk
@@ -71,6 +74,8 @@ pub enum Command {
     Plan(Box<PlanArgs>),
     /// Predict Error and Completeness of a plan's images, on its own scene or on another
     Evaluate(EvaluateArgs),
+    /// Show a plan in its scene in the browser, or two plans against each other
+    View(ViewArgs),
     /// Write a plan as files for ground stations, drones' apps and reconstruction software
     Export(Box<ExportArgs>),
     /// Change structures or no-fly zones of a loaded scene and receive the new plan
@@ -119,7 +124,7 @@ pub struct Reach {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Writes plan.json, plan.svg, run.json, the same for the replan (replan.json, replan.svg, replan-run.json), a flight \
+    after_help = "Writes plan.json, plan.svg, run.json, plan.html, the same for the replan (replan.json, replan.svg, replan-run.json, replan.html), both plans in one page (replan-vs-plan.html), a flight \
     on which the scene changes three times (flight.svg), the block (scene.geojson) and the daemon's log (daemon.log) into DIR. The daemon lives in a domain of its own and is stopped at the end."
 )]
 pub struct DemoArgs {
@@ -195,7 +200,7 @@ pub struct PlanArgs {
     pub order: OrderArgs,
     #[command(flatten)]
     pub en_route: EnRouteArgs,
-    /// Folder for plan.json, plan.svg and run.json; without it only the figures are printed
+    /// Folder for plan.json, plan.svg, run.json and plan.html; without it only the figures are printed
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Only for a scene file: TOML file whose keys replace the built-in values

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use overfly_client::Client;
 use serde_json::Value;
-use served::{PATIENCE, Served, load, quick, wait_for};
+use served::{PATIENCE, Served, load, quick};
 
 /// A server that ends with the test.
 struct Page {
@@ -299,7 +299,8 @@ fn a_lost_daemon_is_told_and_found_again() {
     events.phase("idle");
     client.plan("block", &quick(), &mut |_| {}).unwrap();
     events.wait("show", |shown| shown["epoch"].is_u64());
-    let made = wait_for("an edit that is made again", || Some(page.edit(&body)).filter(|made| made.status == 200));
+    let made = page.edit(&body);
+    assert_eq!(made.status, 200, "{}", made.body);
     assert_eq!(made.json()["revision"], 2);
     events.shown(2);
 }

@@ -10,6 +10,7 @@ mod planning;
 mod reading;
 mod serving;
 mod shell;
+mod view;
 
 use std::path::PathBuf;
 
@@ -24,6 +25,7 @@ pub use self::planning::{EvaluateArgs, ImageChoice, OrderArgs, PlanArgs, SizeArg
 pub use self::reading::{InspectArgs, ReadArgs};
 pub use self::serving::{LoadArgs, Reach, SceneArgs, ServeArgs, StatusArgs, WatchArgs};
 pub use self::shell::{CompletionsArgs, ManArgs};
+pub use self::view::ViewArgs;
 use super::values;
 
 const EXIT_CODES: &str = "\
@@ -46,7 +48,8 @@ Lengths are metres, times seconds, angles degrees; positions are east, north, up
 const EXAMPLES: &str = "\
 Examples:
   overfly demo                                  the whole thing on a generated block, in a few seconds
-  overfly plan town.geojson --out flights/town  plan without a daemon; writes plan.json, plan.svg, run.json
+  overfly plan town.geojson --out flights/town  plan without a daemon; writes plan.json, plan.svg, run.json and plan.html
+  overfly view flights/town/plan.json           look at it in the browser
   overfly serve                                 start the daemon, then in another terminal:
   overfly load town.geojson
   overfly plan town --rig phantom4-rtk
@@ -78,6 +81,8 @@ pub enum Command {
     Plan(Box<PlanArgs>),
     /// Predict Error and Completeness of a plan's images, on its own scene or on another
     Evaluate(EvaluateArgs),
+    /// Show a plan in its scene in the browser, or two plans against each other
+    View(ViewArgs),
     /// Write a plan as files for ground stations, drones' apps and reconstruction software
     Export(Box<ExportArgs>),
     /// Change structures or no-fly zones of a loaded scene and receive the new plan
@@ -122,7 +127,7 @@ pub enum Command {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Writes plan.json, plan.svg, run.json, the same for the replan (replan.json, replan.svg, replan-run.json), a flight \
+    after_help = "Writes plan.json, plan.svg, run.json, plan.html, the same for the replan (replan.json, replan.svg, replan-run.json, replan.html), both plans in one page (replan-vs-plan.html), a flight \
     on which the scene changes three times (flight.svg), the block (scene.geojson) and the daemon's log (daemon.log) into DIR. The daemon lives in a domain of its own and is stopped at the end."
 )]
 pub struct DemoArgs {

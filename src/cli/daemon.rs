@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::arguments::OrderArgs;
 use super::failure::Failure;
-use super::outputs::{self, FileNames, Flight};
+use super::outputs::{self, FileNames, Flight, Scenery};
 use super::rig_file::GivenRig;
 use super::shortfall::Heights;
 use crate::mission::plan_table;
@@ -79,8 +79,9 @@ pub fn write(
     let map = client.field(&flight.plan.scene.name)?;
     let field = map.table();
     let is_current = field.facts.revision == flight.plan.scene.revision;
-    let remark = "note: the scene has been edited since this plan was made, so there is no drawing of it";
-    let written = outputs::write(folder, names, flight, is_current.then_some(&field))?;
+    let remark = "note: the scene has been edited since this plan was made, so there are no drawings of it";
+    let scenery = if is_current { Scenery::Field(&field) } else { Scenery::Gone };
+    let written = outputs::write(folder, names, flight, &scenery)?;
     Ok((written, (!is_current).then_some(remark)))
 }
 

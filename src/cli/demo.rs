@@ -12,6 +12,7 @@ use super::arguments::DemoArgs;
 use super::demo_flight::{self, Flown};
 use super::failure::Failure;
 use super::outputs::{self, FileNames, Flight, Folder};
+use super::pages::Shown;
 use super::private_daemon::PrivateDaemon;
 use super::progress::Meter;
 use super::{daemon, load, plan};
@@ -77,6 +78,7 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     let (plan, times) = daemon::plan_of(&message)?;
     let flight = daemon::flight(&plan, times, None, load::import_report(&loaded));
     let mut files = daemon::write(client, folder, &FileNames::of_plan(), &flight)?.0;
+    let before = shown(client, "plan", &plan)?;
 
     let command = format!("overfly plan {}", folder.join("scene.geojson").display());
     plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), true, form);
@@ -92,11 +94,20 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     let (replan, replan_times) = daemon::plan_of(&message)?;
     let flight = daemon::flight(&replan, replan_times, Some(edit_to_plan_s), None);
     files.extend(daemon::write(client, folder, &FileNames::with_stem("replan"), &flight)?.0);
+    let both = folder.join("replan-vs-plan.html");
+    fs::write(&both, shown(client, "replan", &replan)?.against(before)).map_err(|cause| Failure::write(&both, cause))?;
+    files.push(both);
     let flown = demo_flight::fly(client, folder, &loaded.scene, message, &mut meter)?;
     files.push(flown.file.clone());
     drop(meter);
     let (plan, replan) = ((plan, times), (replan, replan_times));
     Ok(Show { loaded, raised, plan, replan, edit_to_first_plan_s, edit_to_plan_s, flown, files })
+}
+
+/// A plan on the field that the daemon has now, which is the plan's.
+fn shown(client: &Client, label: &str, plan: &Plan) -> Result<Shown, Failure> {
+    let map = client.field(&plan.scene.name)?;
+    Ok(Shown::on_field(label, &map.table(), plan)?)
 }
 
 /// The structure of median height: raising it changes what its neighbours' walls can be seen from.

@@ -19,6 +19,7 @@ use crate::planner::{self, Method, Objective, PlanOptions, StopToken};
 use crate::scene::{self, GroundFile, ImportReport, Scene};
 use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
+use crate::trajectory::evaluate::Sightings;
 use crate::trajectory::plan::{Plan, RunTimes};
 
 /// A larger scene is a mistake: that of a whole city has a tenth of it.
@@ -27,6 +28,8 @@ const MOST_SCENE_BYTES: u64 = 1_000_000_000;
 /// What planning a file gives.
 pub struct Planned {
     pub plan: Plan,
+    /// Which of its images see what.
+    pub sightings: Sightings,
     pub times: RunTimes,
     pub snapshot: Snapshot,
     pub report: ImportReport,
@@ -131,10 +134,11 @@ pub fn plan_file(
     if let Some(flown) = flown {
         flown.complete(&mut options, &snapshot, stop);
     }
-    let plan = planner::plan(&snapshot, settings, &options, stop, &mut |progress| {
+    let on_progress = &mut |progress: &planner::Progress| {
         search_ended = Instant::now();
         meter.search(progress);
-    })?;
+    };
+    let made = planner::replan(&snapshot, settings, &options, None, stop, on_progress, &mut |_| {})?;
     let times = RunTimes {
         field_s,
         search_s: (search_ended - search_started).as_secs_f64(),
@@ -142,7 +146,7 @@ pub fn plan_file(
         total_s: started.elapsed().as_secs_f64(),
         threads: rayon::current_num_threads() as u32,
     };
-    Ok(Planned { plan, times, snapshot, report })
+    Ok(Planned { plan: made.plan, sightings: made.record.into_sightings(), times, snapshot, report })
 }
 
 /// Samples a scene and builds its field.

@@ -5,6 +5,7 @@ mod arguments;
 mod bench;
 mod bound;
 mod bounded_file;
+mod browser;
 mod daemon;
 mod degrade;
 mod demo;
@@ -26,6 +27,7 @@ mod live;
 mod load;
 mod machine;
 mod outputs;
+mod pages;
 mod plan;
 mod private_daemon;
 mod progress;
@@ -40,6 +42,7 @@ mod shortfall;
 mod status;
 mod update;
 mod values;
+mod view;
 mod watch;
 
 use std::ffi::OsString;
@@ -78,6 +81,7 @@ fn execute(command: &Command, form: Form) -> Result<Option<Answer>, Failure> {
         Command::Load(arguments) => load::run(arguments, form).map(Some),
         Command::Plan(arguments) => plan::run(arguments, form).map(Some),
         Command::Evaluate(arguments) => evaluate::run(arguments, form).map(Some),
+        Command::View(arguments) => view::run(arguments, form).map(Some),
         Command::Export(arguments) => export::run(arguments, form).map(Some),
         Command::Edit(arguments) => edit::run(arguments, form).map(Some),
         Command::Update(arguments) => update::run(arguments, form).map(Some),

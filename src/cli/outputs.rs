@@ -8,10 +8,13 @@ use overfly_table::FieldTable;
 use serde_json::{Value, json};
 
 use super::failure::Failure;
+use super::in_process::Planned;
 use super::machine::this_machine;
+use super::pages;
 use crate::mission::run_json::{self, Engine, Run};
 use crate::mission::{plan_json, svg};
 use crate::scene::Terrain;
+use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, RunTimes, StopReason};
 
 /// A plan with all that its files need.
@@ -62,24 +65,39 @@ impl Drop for Folder {
 pub struct FileNames {
     pub plan: String,
     pub drawing: String,
+    pub page: String,
     pub run: String,
 }
 
 impl FileNames {
-    /// `plan.json`, `plan.svg`, `run.json`: what scripts look for.
+    /// `plan.json`, `plan.svg`, `run.json`, `plan.html`: what scripts look for.
     pub fn of_plan() -> Self {
-        Self { plan: "plan.json".to_owned(), drawing: "plan.svg".to_owned(), run: "run.json".to_owned() }
+        Self { run: "run.json".to_owned(), ..Self::with_stem("plan") }
     }
 
-    /// The names for one of several plans in a folder: `replan.json`, `replan.svg`, `replan-run.json`.
+    /// The names for one of several plans in a folder: `replan.json`, `replan.svg`, `replan-run.json`, `replan.html`.
     pub fn with_stem(stem: &str) -> Self {
-        Self { plan: format!("{stem}.json"), drawing: format!("{stem}.svg"), run: format!("{stem}-run.json") }
+        Self {
+            plan: format!("{stem}.json"),
+            drawing: format!("{stem}.svg"),
+            page: format!("{stem}.html"),
+            run: format!("{stem}-run.json"),
+        }
     }
 }
 
-/// Writes the files of a plan into `folder`, which is created; returns their paths. Without the field of the plan's revision there
-/// is no drawing.
-pub fn write(folder: &Path, names: &FileNames, flight: &Flight, field: Option<&FieldTable>) -> Result<Vec<PathBuf>, Failure> {
+/// What a plan is drawn in.
+pub enum Scenery<'a> {
+    /// The scene that it was planned in, in this process.
+    Planned(&'a Planned, &'a Settings),
+    /// The field of its revision.
+    Field(&'a FieldTable<'a>),
+    /// Nothing: the field of its revision is gone, and there are no drawings.
+    Gone,
+}
+
+/// Writes the files of a plan into `folder`, which is created; returns their paths.
+pub fn write(folder: &Path, names: &FileNames, flight: &Flight, scenery: &Scenery) -> Result<Vec<PathBuf>, Failure> {
     fs::create_dir_all(folder).map_err(|cause| Failure::write(folder, cause))?;
     let run = Run {
         engine: flight.engine,
@@ -100,10 +118,19 @@ pub fn write(folder: &Path, names: &FileNames, flight: &Flight, field: Option<&F
         Ok::<(), Failure>(())
     };
     put(&names.plan, plan_json::to_bytes(flight.plan))?;
-    if let Some(field) = field {
-        put(&names.drawing, svg::to_bytes(field, flight.terrain.as_deref(), flight.plan)?)?;
+    let terrain = flight.terrain.as_deref();
+    match scenery {
+        Scenery::Planned(planned, _) => put(&names.drawing, svg::to_bytes(&planned.snapshot.field(), terrain, flight.plan)?)?,
+        Scenery::Field(field) => put(&names.drawing, svg::to_bytes(field, terrain, flight.plan)?)?,
+        Scenery::Gone => {}
     }
     put(&names.run, run_json::to_bytes(flight.plan, &run))?;
+    // The page comes last: whoever waits for the plan has it by then.
+    match scenery {
+        Scenery::Planned(planned, settings) => put(&names.page, pages::of_planned(planned, settings)?)?,
+        Scenery::Field(field) => put(&names.page, pages::of_field(field, flight.plan)?)?,
+        Scenery::Gone => {}
+    }
     Ok(written)
 }
 

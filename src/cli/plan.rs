@@ -11,7 +11,7 @@ use super::answer::{self, Answer, Form};
 use super::arguments::{OrderArgs, PlanArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupts;
-use super::outputs::{self, FileNames, Flight, Folder};
+use super::outputs::{self, FileNames, Flight, Folder, Scenery};
 use super::progress::Meter;
 use super::rig_file::GivenRig;
 use super::shortfall::{self, Heights};
@@ -75,7 +75,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
         terrain: planned.snapshot.free.terrain().map(|terrain| Arc::new(terrain.clone())),
     };
     let files = match &arguments.out {
-        Some(folder) => outputs::write(folder, &FileNames::of_plan(), &flight, Some(&planned.snapshot.field()))?,
+        Some(folder) => outputs::write(folder, &FileNames::of_plan(), &flight, &Scenery::Planned(&planned, &settings))?,
         None => Vec::new(),
     };
     remark_departure(&planned.plan, form);

@@ -43,6 +43,19 @@ pub fn differing(settings: &Settings) -> Option<Value> {
     Some(Value::Object(differing))
 }
 
+/// The settings that a run.json says a plan was made with, for cameras of a sight; the built-in ones where it says nothing that can be understood.
+pub fn as_in_run(run: &Value, sight_scale: f64) -> Settings {
+    let built_in = Settings::default().with_sight(sight_scale);
+    let Ok(mut all) = serde_json::to_value(&built_in) else { return built_in };
+    for (section, keys) in run["settings"].as_object().into_iter().flatten() {
+        for (key, value) in keys.as_object().into_iter().flatten() {
+            all[section][key] = value.clone();
+        }
+    }
+    let read = serde_json::from_value::<Settings>(all).ok();
+    read.filter(|settings| settings.check().is_ok()).unwrap_or(built_in)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -53,5 +66,20 @@ mod tests {
         assert_eq!(differing(&settings), Some(serde_json::json!({})));
         settings.surface.samples = 7;
         assert_eq!(differing(&settings), Some(serde_json::json!({ "surface": { "samples": 7 } })));
+    }
+
+    #[test]
+    fn a_run_tells_the_settings_of_its_plan() {
+        let mut settings = Settings::default().with_sight(2.0);
+        settings.surface.samples = 777;
+        settings.coverage.range_m = 50.0;
+        let run = serde_json::json!({ "settings": differing(&settings) });
+        assert_eq!(as_in_run(&run, 2.0), settings);
+        let built_in = Settings::default().with_sight(2.0);
+        for damaged in [serde_json::json!(null), serde_json::json!({ "settings": { "surface": { "samples": "many" } } })] {
+            assert_eq!(as_in_run(&damaged, 2.0), built_in);
+        }
+        let unknown = serde_json::json!({ "settings": { "none": 3, "new": { "key": 1 } } });
+        assert_eq!(as_in_run(&unknown, 2.0), built_in);
     }
 }

@@ -2,6 +2,7 @@
 
 pub mod en_route;
 mod interim;
+mod look;
 mod options;
 mod order;
 mod overlap;
@@ -25,6 +26,7 @@ use crate::trajectory::record::Record;
 use crate::trajectory::route::Found;
 
 pub use en_route::EnRoute;
+pub use look::look;
 pub use options::{MOST_BUDGET_S, Method, Objective, PlanError, PlanOptions};
 
 pub use crate::search::Progress;

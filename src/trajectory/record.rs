@@ -155,6 +155,11 @@ impl Record {
     pub fn sightings(&self) -> &Sightings {
         &self.sightings
     }
+
+    /// The same, when nothing else of the record is needed any more.
+    pub fn into_sightings(self) -> Sightings {
+        self.sightings
+    }
 }
 
 /// Which lines of sight have to be cast again.

@@ -38,7 +38,7 @@ pub struct EditArgs {
     pub scene: String,
     #[command(subcommand)]
     pub change: Change,
-    /// Folder for plan.json, plan.svg and run.json of the new plan
+    /// Folder for plan.json, plan.svg, run.json and plan.html of the new plan
     #[arg(long, value_name = "DIR", global = true)]
     pub out: Option<PathBuf>,
     /// Return as soon as the edit is made, without the new plan
@@ -166,7 +166,7 @@ pub struct UpdateArgs {
     /// Only print what differs
     #[arg(long, conflicts_with_all = ["out", "no_wait"])]
     pub dry_run: bool,
-    /// Folder for plan.json, plan.svg and run.json of the new plan
+    /// Folder for plan.json, plan.svg, run.json and plan.html of the new plan
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Return as soon as the scene is changed, without the new plan

@@ -31,7 +31,7 @@ pub struct PlanArgs {
     pub order: OrderArgs,
     #[command(flatten)]
     pub en_route: EnRouteArgs,
-    /// Folder for plan.json, plan.svg and run.json; without it only the figures are printed
+    /// Folder for plan.json, plan.svg, run.json and plan.html; without it only the figures are printed
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Only for a scene file: TOML file whose keys replace the built-in values

@@ -77,21 +77,20 @@ impl Desk {
     }
 
     fn make(&mut self, order: &Order) -> Outcome {
-        let client = match self.client.take() {
-            Some(client) => client,
-            None => Client::connect(&self.domain, CONNECT).map_err(|error| refusal(&error))?,
+        let made = match self.make_once(order) {
+            // What the daemon before has not answered has gone with it: the one that is there now may be asked.
+            Err(ClientError::Restarted { .. } | ClientError::Lost { .. }) => self.make_once(order),
+            made => made,
         };
-        match self.make_with(&client, order) {
-            Ok(answer) => {
-                self.client = Some(client);
-                Ok(answer)
-            }
-            Err(error) => {
-                // After anything but the daemon's own no the connection is not to be trusted.
-                self.client = matches!(error, ClientError::Refused { .. }).then_some(client);
-                Err(refusal(&error))
-            }
-        }
+        made.map_err(|error| refusal(&error))
+    }
+
+    fn make_once(&mut self, order: &Order) -> Result<Value, ClientError> {
+        let client = self.client.take().map_or_else(|| Client::connect(&self.domain, CONNECT), Ok)?;
+        let made = self.make_with(&client, order);
+        // After anything but the daemon's own no the connection is not to be trusted.
+        self.client = matches!(made, Ok(_) | Err(ClientError::Refused { .. })).then_some(client);
+        made
     }
 
     fn make_with(&mut self, client: &Client, order: &Order) -> Result<Value, ClientError> {

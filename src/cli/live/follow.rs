@@ -1,14 +1,14 @@
 //! From the daemon to the board: each plan with its scene, and what goes on meanwhile. When the daemon is lost it is looked for until it is back.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use overfly_client::{
     Client, ClientError, Domain, PlanMessage, PlanWatch, RefusalCode, SceneState, SceneStatus, Status, StatusFeed,
 };
 
 use super::board::{Board, Phase};
-use super::scenes::Stage;
+use super::scenes::{Detail, Stage};
 
 /// How long a daemon that answers may take to do so.
 const CONNECT: Duration = Duration::from_millis(300);
@@ -75,18 +75,21 @@ impl Follower<'_> {
     }
 
     fn show_plan(&mut self, message: PlanMessage) -> Result<(), Parting> {
-        let received = Instant::now();
         let map = self.client.field(self.scene)?;
         let field = map.table();
         // A plan of an earlier scene is not to be flown any more, and the next one is on its way.
         if field.facts.revision != message.table().facts.revision {
             return Ok(());
         }
-        match self.stage.plan((map.instance(), map.epoch()), &field, &message) {
-            Ok(state) => self.board.show(&state),
-            Err(error) => self.remark(format!("a plan cannot be shown: {error}")),
+        // After an edit the path goes out first.
+        let is_next = self.stage.revision() != Some(field.facts.revision);
+        let details = [Detail::Path, Detail::Everything];
+        for detail in details.into_iter().skip(usize::from(!is_next)) {
+            match self.stage.plan((map.instance(), map.epoch()), &field, &message, detail) {
+                Ok(state) => self.board.show(&state),
+                Err(error) => self.board.tell(|status| status.remark = Some(format!("a plan cannot be shown: {error}"))),
+            }
         }
-        tracing::debug!(revision = field.facts.revision, ms = received.elapsed().as_secs_f64() * 1e3, "shown");
         Ok(())
     }
 
@@ -113,10 +116,6 @@ impl Follower<'_> {
             status.remark = scene.remark.clone();
         });
         Ok(())
-    }
-
-    fn remark(&self, remark: String) {
-        self.board.tell(|status| status.remark = Some(remark));
     }
 }
 

@@ -9,7 +9,6 @@ mod rules;
 mod scenes;
 mod server;
 
-use std::process::{Command, Stdio};
 use std::sync::Arc;
 
 use rustix::rand::{GetRandomFlags, getrandom};
@@ -21,8 +20,8 @@ use self::rules::Gate;
 use self::server::Server;
 use super::answer::{Answer, Form};
 use super::arguments::WatchArgs;
-use super::daemon;
 use super::failure::Failure;
+use super::{browser, daemon};
 
 /// Serves the page until the program is ended.
 pub fn run(arguments: &WatchArgs, port: u16, form: Form) -> Result<(), Failure> {
@@ -47,8 +46,8 @@ pub fn run(arguments: &WatchArgs, port: u16, form: Form) -> Result<(), Failure> 
     let address = format!("http://127.0.0.1:{port}/");
     let text = format!("{scene} is shown at {address}; Ctrl-C ends it");
     form.print(&Answer { text, json: json!({ "scene": scene, "address": address, "port": port }) }).map_err(Failure::Print)?;
-    if arguments.open {
-        open(&address, form);
+    if let Some(Err(cause)) = arguments.open.then(|| browser::open(&address)) {
+        form.remark(&format!("note: no browser can be opened ({cause}); open the address yourself"));
     }
     runtime.block_on(server::serve(listener, Arc::new(server)));
     Ok(())
@@ -63,15 +62,5 @@ fn secret() -> Result<String, Failure> {
         other => Err(Failure::Unexpected(format!(
             "the system gives no random numbers ({other:?}), without which the page is not safe"
         ))),
-    }
-}
-
-/// Opens the page in the browser of the desktop, where there is one.
-fn open(address: &str, form: Form) {
-    let opened = Command::new("xdg-open").arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
-    match opened {
-        // Nobody waits for the browser; the thread takes its exit code, so that no dead process stays.
-        Ok(mut browser) => drop(std::thread::spawn(move || browser.wait())),
-        Err(cause) => form.remark(&format!("note: no browser can be opened ({cause}); open the address yourself")),
     }
 }

@@ -17,6 +17,14 @@ pub struct Stage {
     before: Option<Act>,
 }
 
+/// What is shown of a plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    Path,
+    /// And what it captures.
+    Everything,
+}
+
 /// A scene, and the field that it comes from: the daemon and the number of the table.
 struct Set {
     field: (u64, u64),
@@ -40,14 +48,20 @@ impl Stage {
         self.set.as_ref().map(|set| set.revision)
     }
 
-    /// Puts a plan on the stage, or the word that there is none, with the field that it was made on; gives what pages are to show.
-    pub fn plan(&mut self, number: (u64, u64), field: &FieldTable, message: &PlanMessage) -> Result<Vec<u8>, PlanTableError> {
+    /// Puts a plan on the stage, or the word that there is none, with the field that it was made on; gives what pages are to show. What the plan captures
+    /// takes longer to find out than the plan has taken.
+    pub fn plan(
+        &mut self,
+        number: (u64, u64),
+        field: &FieldTable,
+        message: &PlanMessage,
+        detail: Detail,
+    ) -> Result<Vec<u8>, PlanTableError> {
         let scene = self.set(number, field, message.scene()).scene.clone();
         if message.infeasible().is_none() {
             let (plan, _) = plan_table::from_table(&message.table())?;
             let is_interim = matches!(plan.stop, StopReason::Repaired | StopReason::Improved);
-            // What an interim plan captures is shown with the one that it leads to: looking for it takes longer than the plan has taken.
-            let sighted = if is_interim { None } else { Sighted::by_field(field, &plan).ok() };
+            let sighted = if detail == Detail::Path { None } else { Sighted::by_field(field, &plan).ok() };
             let label = format!("plan {} of revision {}", message.epoch(), plan.scene.revision);
             let flight = page::flight(&label, &plan, sighted);
             let act = Act { epoch: message.epoch(), revision: plan.scene.revision, is_interim, flight, scene };
@@ -73,9 +87,9 @@ impl Stage {
 
     /// The plan before stays beside all that follow from one edit, the interim ones as well.
     fn enter(&mut self, act: Act) {
+        let (epoch, revision) = (act.epoch, act.revision);
         let last = self.plan.replace(act);
-        let now = self.plan.as_ref().map(|plan| plan.revision);
-        if last.as_ref().is_some_and(|last| Some(last.revision) != now || !last.is_interim) {
+        if last.as_ref().is_some_and(|last| last.epoch != epoch && (last.revision != revision || !last.is_interim)) {
             self.before = last;
         }
     }

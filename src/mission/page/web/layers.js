@@ -1,1 +1,71 @@
-// layers
+// What is shown: the switches beside the view, and the legend that goes with them.
+
+const COVERAGE_MODES = [
+    ['off', 'Off'],
+    ['now', 'As flown until now'],
+    ['final', 'After the flight'],
+    ['difference', 'A against B'],
+];
+
+export class Layers {
+    constructor(state, onChange) {
+        this.state = state;
+        this.onChange = onChange;
+        document.querySelectorAll('[data-layer]').forEach((input) => {
+            const key = input.dataset.layer;
+            const read = () => (input.type === 'checkbox' ? input.checked : input.value);
+            input.addEventListener('change', () => (input.type !== 'radio' || input.checked) && this.set(key, read()));
+        });
+        this.write();
+    }
+
+    set(key, value) {
+        this.state[key] = value;
+        this.write();
+        this.onChange(key);
+    }
+
+    // Modes of which the data know nothing cannot be chosen.
+    allow({ hasCoverage, isComparing, hasZones, hasCeiling }) {
+        this.modes = COVERAGE_MODES.map(([mode]) => mode).filter((mode) => mode === 'off' || (hasCoverage && (mode !== 'difference' || isComparing)));
+        document.querySelectorAll('[data-layer=coverage]').forEach((input) => {
+            input.disabled = !this.modes.includes(input.value);
+            input.closest('label').hidden = input.value === 'difference' && !isComparing;
+        });
+        if (!this.modes.includes(this.state.coverage)) this.state.coverage = this.modes.includes('now') ? 'now' : 'off';
+        document.querySelector('[data-layer=zones]').closest('label').hidden = !hasZones;
+        document.querySelector('[data-layer=ceiling]').closest('label').hidden = !hasCeiling;
+        this.write();
+    }
+
+    cycle(key, values) {
+        this.set(key, values[(values.indexOf(this.state[key]) + 1) % values.length]);
+    }
+
+    write() {
+        document.querySelectorAll('[data-layer]').forEach((input) => {
+            const value = this.state[input.dataset.layer];
+            if (input.type === 'checkbox') input.checked = value;
+            else if (input.type === 'radio') input.checked = input.value === value;
+            else input.value = value;
+        });
+    }
+
+    legend(flight, colours) {
+        const entries = {
+            off: [],
+            now: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway.map((v, k) => v * [1, 0.86, 0.6][k]), 'seen, not enough'], ['thin', colours.grid, 'still to come'], ['dot', COVERAGE.beyond, 'out of reach']],
+            final: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway, 'half of enough'], ['ring', COVERAGE.nothing, 'missed'], ['dot', COVERAGE.beyond, 'out of reach']],
+            difference: [['full', COVERAGE.gained, 'only A captures'], ['ring', COVERAGE.lost, 'only B captures'], ['dot', colours.grid, 'the same']],
+        }[this.state.coverage];
+        document.getElementById('coverage-legend').replaceChildren(...entries.map(([form, colour, text]) => {
+            const mark = node('i', { class: form });
+            mark.style.setProperty('--mark', cssColour(colour));
+            return node('li', {}, mark, text);
+        }));
+        const stops = this.state.colour === 'time' ? colours.earlyToLate : colours.slowToFast;
+        document.getElementById('path-ramp').style.background = `linear-gradient(to right, ${stops.map(cssColour).join(', ')})`;
+        const [from, to] = this.state.colour === 'time' ? ['start', 'end'] : ['0', `${flight.fastest.toFixed(1)} m/s`];
+        document.getElementById('path-ramp-ends').replaceChildren(node('span', {}, from), node('span', {}, to));
+    }
+}

@@ -15,19 +15,19 @@
     };
 
     const STYLE = `
-        #live { display: grid; gap: 0.5rem; }
-        #live p, #live h3, #live ul { margin: 0; padding: 0; font-size: inherit; }
-        #live form { display: flex; flex-wrap: wrap; gap: 0.4rem; align-items: center; }
-        #live section { display: grid; gap: 0.4rem; }
-        #live input, #live button { font: inherit; color: inherit; background: transparent; border: 1px solid; border-radius: 4px; padding: 0.2rem 0.5rem; }
-        #live input[type=search] { flex: 1; min-width: 8rem; }
-        #live input[type=number] { width: 5rem; }
-        #live button { cursor: pointer; min-height: 1.9rem; }
-        #live :focus-visible { outline: 2px solid; outline-offset: 2px; }
-        #live li { display: flex; justify-content: space-between; gap: 0.4rem; align-items: center; list-style: none; }
-        #live [role=alert]:not(:empty) { border-left: 4px solid; padding-left: 0.5rem; font-weight: 600; }
-        #live[data-phase=lost], #live[data-phase=unheard] { font-weight: 600; }
-        #live [hidden], #live :is(p, ul):empty { display: none; }`;
+        #live { display: grid; gap: 8px; }
+        #live ul { margin: 0; padding: 0; }
+        #live h3 { margin: 0; font-size: 13px; }
+        #live form { display: flex; flex-wrap: wrap; gap: 6px; align-items: center; }
+        #live section { display: grid; gap: 4px; padding-top: 8px; border-top: 1px solid var(--hairline); }
+        #live input { font: inherit; color: inherit; background: var(--paper); border: 1px solid var(--quiet); border-radius: 7px; padding: 4px 8px; }
+        #live input[type=search] { flex: 1; min-width: 0; }
+        #live input[type=number] { width: 60px; }
+        #live li { display: flex; justify-content: space-between; gap: 6px; align-items: center; list-style: none; }
+        #live [role=alert] { border-left: 3px solid var(--worse); padding-left: 8px; color: var(--worse); }
+        #live p:first-of-type::before { content: "● "; color: var(--better); }
+        #live:is([data-phase=lost], [data-phase=unheard], [data-phase=unloaded], [data-phase=connecting]) p:first-of-type::before { color: var(--worse); }
+        #live :is(p, ul):empty { display: none; }`;
 
     const make = (tag, attributes, ...children) => {
         const made = Object.assign(document.createElement(tag), attributes);
@@ -70,6 +70,7 @@
         newest: null, // not drawn yet
         shown: { revision: 0, at: 0 },
         edit: null, // whose path has not come yet
+        coverage: null, // how it was looked at before a path came without
     };
 
     // The daemon reads ids in hexadecimal, the page's data have them in decimal digits.
@@ -115,7 +116,7 @@
         };
         const form = make(
             'form', {},
-            make('label', { htmlFor: 'live-by', textContent: 'by metres' }), by, make('button', { type: 'submit', textContent: 'Raise' }),
+            make('label', { htmlFor: 'live-by', textContent: 'By, m' }), by, make('button', { type: 'submit', textContent: 'Raise' }),
             button('Lower', () => change('lower', 'lowered')),
             button('Remove', () => edit({ edit: 'remove', structure: idOf(structure) }, `${name} is removed`)),
         );
@@ -186,7 +187,17 @@
     function show() {
         const { newest } = state;
         state.newest = null;
-        window.overfly.show(newest.page);
+        const { flights } = newest.page;
+        if (flights.length > 0) {
+            // A path comes before what it captures is known; how that is looked at comes back with it.
+            const isKnown = flights.every((flight) => flight.coverage);
+            if (!isKnown && state.shown.revision > 0) state.coverage ??= window.overfly.state().coverage;
+            window.overfly.show(newest.page);
+            if (isKnown && state.coverage) {
+                document.querySelector(`[data-layer=coverage][value=${state.coverage}]:enabled:not(:checked)`)?.click();
+                state.coverage = null;
+            }
+        }
         state.structures = newest.page.scenes[0].structures.filter((one) => one.kind !== 'terrain');
         names.replaceChildren(...state.structures.map(({ name }) => make('option', { value: name })));
         tellChosen();

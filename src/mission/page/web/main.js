@@ -1,8 +1,299 @@
-const data = JSON.parse(document.getElementById('data').textContent);
-window.overfly = {
-    show(next) {
-        document.getElementById('raw').textContent = next.flights.map((flight) => flight.label).join(', ');
-    },
-    onPick() {},
+// Puts the page together. `window.overfly` is what programs around it use: `show(data)` replaces what is shown, `onPick(callback)` tells what is picked.
+
+const byId = (id) => document.getElementById(id);
+const state = { coverage: 'now', colour: 'speed', frusta: 'current', waypoints: false, zones: true, ceiling: false, edges: true, plan: 0 };
+const labels = new Map();
+const pickers = [];
+let model = null;
+let stage = null;
+let pointer = null;
+let world = null;
+let picked = null;
+
+window.overfly = { show, onPick: (callback) => pickers.push(callback), state: told, look: (view) => stage?.look(view), view: () => stage?.view(), stage: () => stage };
+
+const charts = new Charts(byId('charts'), (time) => timeline.go(time));
+const timeline = new Timeline({ slider: byId('slider'), button: byId('play'), rate: byId('rate'), clock: byId('clock'), status: byId('where') }, follow);
+timeline.describe = (time) => {
+    const drone = droneAt(shown(), time);
+    const captured = capturedPercent(shown(), time);
+    const covered = captured === null ? '' : `, ${captured.toFixed(1)} percent captured`;
+    return `${clockText(time)}: ${drone.position[2].toFixed(0)} metres high, ${drone.speed.toFixed(1)} metres per second${covered}`;
 };
-window.overfly.show(data);
+const layers = new Layers(state, (key) => {
+    if (key === 'colour') paint();
+    refresh();
+});
+const actions = { image: jumpByImage, measure: toggleMeasuring, theme: switchTheme, home: () => stage?.home(), above: () => stage?.above(), switchPlan, help: () => byId('help').showModal() };
+
+start();
+
+function start() {
+    followTheme(paint);
+    const drawing = canDraw();
+    if (drawing) {
+        try {
+            stage = new Stage(byId('canvas'), byId('overlay'), drawing);
+        } catch (error) {
+            console.warn(`WebGL: ${error.message}`);
+        }
+    }
+    document.documentElement.classList.toggle('flat', stage === null);
+    byId('fallback').hidden = stage !== null;
+    if (stage) {
+        pointer = new Pointer({ stage, tip: byId('tip'), world: () => world, onPick: pick });
+        stage.scene.add(pointer.group);
+        stage.beforeDrawing.push(showInstruments);
+    }
+    [['home', actions.home], ['above', actions.above], ['measure', actions.measure], ['theme', actions.theme], ['help-button', actions.help]].forEach(([id, act]) => byId(id).addEventListener('click', act));
+    listenToKeys({ timeline, stage, pointer, layers, actions });
+    show(JSON.parse(byId('data').textContent));
+}
+
+function shown() {
+    return model.flights[state.plan === 'both' ? 0 : state.plan];
+}
+
+// Replaces what is shown; the camera stays where it is, and time where it is in the flight.
+function show(data) {
+    // A program that serves the page may have no plan yet.
+    if (data.flights.length === 0) return;
+    const share = timeline.share();
+    const isFirst = model === null;
+    model = modelOf(data);
+    if (state.plan !== 'both' && state.plan >= model.flights.length) state.plan = 0;
+    if (isFirst && model.flights.length > 1) state.plan = 'both';
+    const hasCoverage = model.flights.every((flight) => flight.coverage);
+    const isComparing = model.flights.length > 1;
+    layers.allow({ hasCoverage, isComparing, hasZones: shown().scene.zones.length > 0, hasCeiling: Boolean(shown().scene.ceiling_m) && !shown().scene.terrain });
+    if (isFirst && isComparing && hasCoverage) layers.set('coverage', 'difference');
+    timeline.play(false);
+    build();
+    if (isFirst) stage?.home();
+    timeline.setDuration(Math.max(...model.flights.map((flight) => flight.duration_s)), share);
+    byId('structures-table').open ||= stage === null;
+}
+
+// What stands on the stage for the plan that is shown.
+function build() {
+    const flight = shown();
+    const isComparing = model.flights.length > 1;
+    showHeading(flight);
+    showFigures(flight);
+    byId('figures').hidden = isComparing;
+    showComparison(model.flights, choosePlan, state.plan);
+    showSorties(flight, (time) => timeline.go(time));
+    showNotes(flight, flight.scene);
+    showTable(flight);
+    const ordered = state.plan === 1 ? [model.flights[1], model.flights[0]] : model.flights;
+    charts.show(ordered, Math.max(...model.flights.map((one) => one.duration_s)));
+    if (stage) buildWorld(flight);
+    paint();
+    if (picked) pick(world?.scene.structures.find((structure) => structure.id === picked.id) ?? null, null);
+}
+
+function buildWorld(flight) {
+    const { scene } = flight;
+    const bounds = union([...model.flights.map((one) => one.bounds), ...(scene.structures.length > 0 ? [{ min: scene.min_m, max: scene.max_m }] : [])]);
+    const isNewScene = world?.scene !== scene;
+    if (world) {
+        stage.scene.remove(world.group);
+        if (isNewScene) world.structures.dispose();
+    }
+    const other = model.flights.find((one) => one !== flight);
+    const structures = isNewScene ? new Structures(scene) : world.structures;
+    const surroundings = new Surroundings(scene, bounds);
+    const drawn = model.flights.filter((one) => state.plan === 'both' || one === flight);
+    const routes = drawn.map((one) => new Route(one, model.flights.indexOf(one) === 1 && state.plan === 'both'));
+    const discs = flight.coverage ? new Discs(flight, other?.coverage ? other : null) : null;
+    const differing = other ? sceneDifferences(scene, other.scene) : { added: [], removed: [], changed: [] };
+    const group = new THREE.Group();
+    const drones = drawn.map(() => new Drone());
+    const frusta = new Frusta(flight);
+    group.add(surroundings.group, structures.group, frusta.group, ...routes.map((route) => route.group), ...drones.map((drone) => drone.group));
+    if (discs) group.add(discs.mesh);
+    if (differing.removed.length > 0) group.add(ghostsOf(differing.removed, palette()));
+    world = {
+        scene, flight, group, structures, surroundings, routes, discs, drones, frusta, drawn, differing,
+        describe: (structure) => describe(structure),
+        label: setLabels,
+        say: (text) => { byId('say').textContent = text; },
+    };
+    stage.scene.add(group);
+    stage.frame(bounds);
+    const prefix = (index) => (state.plan === 'both' ? `${'AB'[index]} ` : '');
+    setLabels('routes', routes.flatMap((route, index) => route.labels(prefix(index))));
+}
+
+function union(boxes) {
+    const pick3 = (key, choose) => [0, 1, 2].map((axis) => choose(...boxes.map((box) => box[key][axis])));
+    return { min: pick3('min', Math.min).map((value, axis) => (axis === 2 ? Math.min(value, 0) : value)), max: pick3('max', Math.max) };
+}
+
+function setLabels(owner, list) {
+    labels.set(owner, list);
+    stage.setLabels([...labels.values()].flat());
+}
+
+function paint() {
+    if (!model) return;
+    byId('theme').setAttribute('aria-label', themeName() === 'dark' ? 'Light colours' : 'Dark colours');
+    layers.legend(shown(), palette());
+    if (world) {
+        const colours = palette();
+        world.structures.tints.fill(null);
+        world.differing.added.forEach(({ index }) => { world.structures.tints[index] = colours.added; });
+        world.differing.changed.forEach(({ index }) => { world.structures.tints[index] = colours.changed; });
+        if (picked) world.structures.tints[picked.index] = colours.selected;
+        [world.structures, world.surroundings, world.frusta, world.discs, ...world.drones].forEach((part) => part?.paint(colours));
+        world.routes.forEach((route) => route.paint(colours, state.colour));
+    }
+    refresh();
+}
+
+// What the switches say.
+function refresh() {
+    if (!model) return;
+    layers.legend(shown(), palette());
+    if (world) {
+        world.routes.forEach((route) => { route.waypoints.visible = state.waypoints; });
+        world.frusta.current.visible = state.frusta !== 'none';
+        world.frusta.all.visible = state.frusta === 'all';
+        world.surroundings.zones.visible = state.zones;
+        if (world.surroundings.ceiling) world.surroundings.ceiling.visible = state.ceiling;
+        world.structures.edges.visible = state.edges;
+        setLabels('zones', state.zones ? world.surroundings.labels() : []);
+    }
+    follow(timeline.time);
+}
+
+// Everything that time moves.
+function follow(time) {
+    if (!model) return;
+    charts.follow(time);
+    if (!world) return;
+    world.discs?.show(state.coverage, time);
+    world.drawn.forEach((flight, index) => {
+        const drone = droneAt(flight, time);
+        const below = world.structures.meet(drone.position, [0, 0, -1])?.distance ?? drone.position[2];
+        world.drones[index].place(drone, below, Math.max(3, 0.022 * stage.distance()));
+    });
+    if (state.frusta !== 'none') world.frusta.show(imagesAt(world.flight, time), sight);
+    showPicked(picked && describe(picked));
+    stage.invalidate();
+}
+
+// How far a ray goes to a structure or the ground.
+function sight(from, towards) {
+    const met = world.structures.meet(from, towards)?.distance ?? Infinity;
+    const ground = towards[2] < 0 && !world.scene.terrain ? -from[2] / towards[2] : Infinity;
+    return Math.min(met, ground);
+}
+
+function describe(structure) {
+    const { flight, structures } = world;
+    const lines = [structure.name];
+    if (structure.kind === 'terrain') return ['Ground'];
+    lines.push(`${(structure.top_m - structure.base_m).toFixed(1)} m tall, from ${structure.base_m.toFixed(1)} to ${structure.top_m.toFixed(1)} m`);
+    const tally = flight.coverage?.tallies[structure.index];
+    if (structure.kind === 'obstacle') lines.push('An obstacle: flown around, not captured');
+    else if (tally?.capturable) lines.push(`${((100 * tally.captured) / tally.capturable).toFixed(0)} % captured of what can be (${tally.capturable} of ${tally.exposed} samples)`);
+    else if (tally) lines.push(tally.exposed ? 'Out of reach of this rig' : 'Nothing of it lies open');
+    lines.push(`${lengthText(structures.distanceTo(structure, droneAt(flight, timeline.time).position))} from the drone now, ${lengthText(pathDistance(structure))} from the path`);
+    return lines;
+}
+
+// The nearest the path comes to a structure, by its samples. What has been found out is kept.
+function pathDistance(structure) {
+    const { flight, structures } = world;
+    flight.distances ??= new Map();
+    if (!flight.distances.has(structure.id)) {
+        const { count, positions } = flight.path;
+        const places = Array.from({ length: count }, (_, k) => Array.from(positions.subarray(3 * k, 3 * k + 3)));
+        const near = places.map((place) => [distanceToBox(place, structure), place]).sort((a, b) => a[0] - b[0]);
+        let least = Infinity;
+        for (const [atLeast, place] of near.slice(0, 60)) if (atLeast < least) least = Math.min(least, structures.distanceTo(structure, place));
+        flight.distances.set(structure.id, least);
+    }
+    return flight.distances.get(structure.id);
+}
+
+function pick(structure, point) {
+    const colours = palette();
+    if (picked && world) world.structures.tint(picked.index, tintOf(picked, colours));
+    picked = structure?.kind === 'terrain' ? null : structure;
+    if (picked) world.structures.tint(picked.index, colours.selected);
+    showPicked(picked && describe(picked));
+    stage?.invalidate();
+    const { id, name, kind, base_m, top_m } = picked ?? {};
+    pickers.forEach((callback) => callback(picked ? { id, name, kind, base_m, top_m, point } : null));
+}
+
+function tintOf(structure, colours) {
+    if (world.differing.added.includes(structure)) return colours.added;
+    return world.differing.changed.includes(structure) ? colours.changed : null;
+}
+
+function choosePlan(plan) {
+    state.plan = plan;
+    picked = null;
+    build();
+    follow(timeline.time);
+}
+
+function switchPlan() {
+    if (model.flights.length > 1) choosePlan({ 0: 1, 1: 'both', both: 0 }[state.plan]);
+}
+
+function jumpByImage(step) {
+    const { times } = shown().images;
+    const taken = countUpTo(times, timeline.time + INSTANT_S);
+    const now = taken > 0 ? times[taken - 1] : -Infinity;
+    const next = step > 0 ? times.find((time) => time > Math.max(now, timeline.time) + INSTANT_S) : times.findLast((time) => time < now - INSTANT_S);
+    if (next !== undefined) timeline.go(next);
+}
+
+function toggleMeasuring() {
+    if (!pointer) return;
+    pointer.startMeasuring(!pointer.isMeasuring);
+    byId('measure').setAttribute('aria-pressed', String(pointer.isMeasuring));
+    document.documentElement.classList.toggle('measuring', pointer.isMeasuring);
+    if (pointer.isMeasuring) byId('canvas').focus({ preventScroll: true });
+}
+
+function switchTheme() {
+    chooseTheme(themeName() === 'dark' ? 'light' : 'dark', paint);
+}
+
+// Which way north is, and how long a metre is where the camera looks at.
+function showInstruments() {
+    byId('needle').style.transform = `rotate(${(-stage.view().azimuth).toFixed(1)}deg)`;
+    const pixels = stage.canvas.clientHeight / (2 * Math.tan((stage.camera.fov * Math.PI) / 360) * stage.distance());
+    const metres = niceLength(60 / pixels);
+    byId('scale').style.width = `${(metres * pixels).toFixed(1)}px`;
+    byId('scale').textContent = metres < 1000 ? `${metres} m` : `${metres / 1000} km`;
+    const size = Math.max(3, 0.022 * stage.distance());
+    world?.drones.forEach((drone) => drone.body.scale.setScalar(size));
+}
+
+// For programs and tests: what is shown now.
+function told() {
+    const flight = shown();
+    const { time } = timeline;
+    return {
+        time_s: time,
+        duration_s: timeline.duration,
+        is_playing: timeline.isPlaying,
+        drone_m: droneAt(flight, time).position,
+        captured_percent: capturedPercent(flight, time),
+        images: imagesAt(flight, time),
+        theme: themeName(),
+        picked: picked?.id ?? null,
+        measured: pointer?.result ?? null,
+        frames: stage?.frames ?? 0,
+        has_picture: stage !== null,
+        first_frame_ms: window.overfly.firstFrame ?? null,
+        structures: flight.scene.structures.length,
+        ...state,
+    };
+}

@@ -1,0 +1,243 @@
+"""Uses the live page as people do: in a browser, against a real daemon.
+
+    python3 -m venv target/page
+    target/page/bin/pip install -r tests/page/requirements.txt
+    target/page/bin/python tests/page/live.py target/release/overfly [--shots FOLDER] [--scene FILE]
+
+Prints what was tried and how long new paths took from a click, and ends with 1 when something is not as it should be.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+from playwright.sync_api import sync_playwright
+
+CHROMIUM = "/usr/bin/chromium"
+# A machine without a graphics card draws by software.
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+PATIENCE_MS = 60_000
+
+
+class Daemon:
+    """A daemon with one scene, in a domain of its own."""
+
+    def __init__(self, binary, folder):
+        self.binary, self.folder, self.domain = binary, folder, f"page-{os.getpid()}"
+        self.start()
+
+    def start(self):
+        words = [self.binary, "serve", "--until-stdin-ends", "--domain", self.domain]
+        log = open(self.folder / "daemon.log", "ab")
+        self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stderr=log, cwd=self.folder)
+        while self.run("status", check=False).returncode != 0:
+            time.sleep(0.05)
+
+    def run(self, *words, check=True):
+        command = [self.binary, *words, "--domain", self.domain, "--json"]
+        return subprocess.run(command, capture_output=True, text=True, cwd=self.folder, check=check)
+
+    def load_and_plan(self, scene):
+        self.run("load", str(scene), "--name", "town")
+        self.run("plan", "town", "--rig", "phantom4-rtk", "--budget", "1")
+
+    def structures(self):
+        return json.loads(self.run("status", "town").stdout)["structures"]
+
+    def revision(self):
+        return json.loads(self.run("status").stdout)["scenes"][0]["revision"]
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait()
+
+    def end(self):
+        self.process.stdin.close()
+        self.process.wait()
+
+
+class Trial:
+    """What was tried, and what was not as it should be."""
+
+    def __init__(self, shots):
+        self.shots, self.wrong = shots, []
+
+    def check(self, is_right, what):
+        print(f"  {'ok' if is_right else 'WRONG'}: {what}")
+        if not is_right:
+            self.wrong.append(what)
+
+    def shot(self, page, name):
+        if self.shots:
+            page.screenshot(path=str(self.shots / f"live-{name}.png"))
+
+
+def live(page):
+    return page.evaluate("() => ({ ...document.getElementById('live').dataset })")
+
+
+def wait_for(page, condition, *values):
+    """Waits until a condition holds for what the live part says of itself."""
+    script = f"(values) => {{ const live = document.getElementById('live').dataset; return {condition}; }}"
+    page.wait_for_function(script, arg=list(values), timeout=PATIENCE_MS)
+
+
+def place_of(page, name):
+    """Where on the canvas a click meets a structure, found as a person does: by looking; None where it is hidden."""
+    canvas = page.locator("#canvas").bounding_box()
+    for row in range(2, 19):
+        for column in range(2, 19):
+            x, y = canvas["x"] + canvas["width"] * column / 20, canvas["y"] + canvas["height"] * row / 20
+            if page.evaluate("([x, y]) => document.elementFromPoint(x, y)?.id", [x, y]) != "canvas":
+                continue
+            page.mouse.click(x, y)
+            picked = live(page).get("picked")
+            if picked and (name is None or picked == name):
+                return picked
+    return None
+
+
+def click_raises(page, daemon, trial, times):
+    before = daemon.revision()
+    picked = place_of(page, None)
+    trial.check(bool(picked), f"a click picks a building: {picked}")
+    heights = {one["name"]: one["top_m"] for one in daemon.structures()}
+    page.locator("#live-by").fill("15")
+    page.get_by_role("button", name="Raise").click()
+    wait_for(page, "live.edit === 'shown'")
+    state = live(page)
+    trial.check(int(state["revision"]) == before + 1, f"the page shows revision {state['revision']}")
+    after = {one["name"]: one["top_m"] for one in daemon.structures()}
+    trial.check(abs(after[picked] - heights[picked] - 15) < 1e-6, f"{picked} is taller by 15 m")
+    text = page.locator("#live").inner_text()
+    trial.check(f"{picked} is raised by 15 m: new path after" in text, "the page says what was done and how long it took")
+    times.append(float(state["latencyMs"]))
+    return picked
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("binary", type=pathlib.Path, help="the program under test")
+    parser.add_argument("--shots", type=pathlib.Path, help="folder for pictures of the page")
+    parser.add_argument("--scene", type=pathlib.Path, help="scene file [default: a generated block]")
+    parser.add_argument("--clicks", type=int, default=3, help="how many edits are timed")
+    arguments = parser.parse_args()
+    if arguments.shots:
+        arguments.shots.mkdir(parents=True, exist_ok=True)
+    trial = Trial(arguments.shots)
+    with tempfile.TemporaryDirectory() as temporary, sync_playwright() as playwright:
+        folder = pathlib.Path(temporary)
+        daemon = Daemon(arguments.binary.resolve(), folder)
+        scene = arguments.scene.resolve() if arguments.scene else folder / "town.geojson"
+        if not arguments.scene:
+            daemon.run("generate", "--seed", "5", "--extent", "200,200", "--buildings", "24", "--out", str(scene), check=False)
+            subprocess.run([daemon.binary, "generate", "--seed", "5", "--extent", "200,200", "--buildings", "24", "--out", scene], check=True)
+        daemon.load_and_plan(scene)
+        words = [daemon.binary, "watch", "town", "--html", "0", "--json", "--domain", daemon.domain]
+        server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=folder)
+        try:
+            address = json.loads(server.stdout.readline())["address"]
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+            try_all(browser, address, daemon, scene, trial, arguments.clicks)
+            browser.close()
+        finally:
+            server.kill()
+            daemon.end()
+    if trial.wrong:
+        sys.exit(f"{len(trial.wrong)} things are not as they should be")
+
+
+def try_all(browser, address, daemon, scene, trial, clicks):
+    context = browser.new_context(viewport={"width": 1360, "height": 850})
+    page, other = context.new_page(), context.new_page()
+    said = []
+    for one in (page, other):
+        one.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+        one.on("pageerror", lambda error: said.append(str(error)))
+    print("the plan that is there:")
+    page.goto(address)
+    other.goto(address)
+    for one in (page, other):
+        wait_for(one, "live.revision === '1'")
+    trial.check(live(page)["phase"] == "idle", "the page is live")
+    trial.shot(page, "first")
+
+    print("edits:")
+    times = []
+    page.bring_to_front()
+    for _ in range(clicks):
+        picked = click_raises(page, daemon, trial, times)
+    trial.shot(page, "raised")
+    revision = int(live(page)["revision"])
+    other.bring_to_front()
+    wait_for(other, f"Number(live.revision) >= {revision}")
+    trial.check(True, f"another page shows revision {revision} as well")
+    page.bring_to_front()
+    print(f"  click to new path on the page: {', '.join(f'{ms:.0f}' for ms in times)} ms, median {statistics.median(times):.0f} ms")
+
+    print("without a pointer:")
+    by_keyboard(page, daemon, trial, picked)
+    print("what the daemon refuses:")
+    page.locator("#live-by").fill("400")
+    page.get_by_role("button", name="Lower").click()
+    wait_for(page, "live.edit === 'refused'")
+    text = page.locator("#live [role=alert]", has_text="Not done").inner_text()
+    trial.check(len(text) > 20, f"the page says why: {text}")
+    trial.shot(page, "refused")
+    accessible(page, trial)
+
+    print("a daemon that is lost:")
+    daemon.kill()
+    wait_for(page, "live.phase === 'lost'")
+    trial.check("daemon lost, reconnecting" in page.locator("#live").inner_text(), "the page says so")
+    trial.shot(page, "lost")
+    daemon.start()
+    wait_for(page, "live.phase === 'unloaded'")
+    daemon.load_and_plan(scene)
+    wait_for(page, "live.phase === 'idle' && live.revision === '1' && live.epoch !== ''")
+    trial.check("not been planned" not in page.locator("#live").inner_text(), "it goes on by itself when the scene is back")
+    click_raises(page, daemon, trial, times)
+    trial.check(said == [], f"the browser has nothing to complain about: {said}")
+
+
+def by_keyboard(page, daemon, trial, name):
+    """Finds a building by its name, removes it and puts it back, with keys alone."""
+    count, revision = len(daemon.structures()), daemon.revision()
+    page.locator("#live-search").focus()
+    page.keyboard.type(name)
+    page.keyboard.press("Enter")
+    focused = page.evaluate("() => document.activeElement.id")
+    trial.check(focused == "live-by" and live(page)["picked"] == name, f"{name} is found by its name")
+    for _ in range(3):
+        page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    wait_for(page, f"Number(live.revision) >= {revision + 1} && live.edit === 'shown'")
+    trial.check(len(daemon.structures()) == count - 1, f"{name} is removed")
+    page.get_by_role("button", name=f"Put {name} back").focus()
+    page.keyboard.press("Enter")
+    wait_for(page, f"Number(live.revision) >= {revision + 2} && live.edit === 'shown'")
+    trial.check(len(daemon.structures()) == count, f"{name} is back")
+    page.locator("#live-search").fill(name)
+    page.keyboard.press("Enter")
+
+
+def accessible(page, trial):
+    """No serious finding of axe-core with the panel open."""
+    try:
+        from axe_playwright_python.sync_playwright import Axe
+    except ImportError:
+        trial.check(False, "axe is missing: install requirements.txt")
+        return
+    violations = Axe().run(page).response["violations"]
+    serious = [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in violations if one["impact"] in ("serious", "critical")]
+    trial.check(serious == [], f"axe finds nothing serious with the panel open: {serious}")
+
+
+if __name__ == "__main__":
+    main()

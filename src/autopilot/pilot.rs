@@ -172,6 +172,11 @@ impl Pilot {
         self.vehicle.is_some_and(|vehicle| vehicle.is_armed)
     }
 
+    /// Nothing is known any more of the space around the ways out and home.
+    pub fn forget_space(&mut self) {
+        self.options.free = None;
+    }
+
     /// What the daemon is to know of the flight; nothing while it goes over to another plan. A plan is flown when it is made and uploaded, which takes as long
     /// as it took the last time.
     pub fn report(&self, now: Duration) -> Option<FlightReport> {

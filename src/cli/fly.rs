@@ -21,11 +21,12 @@ use crate::autopilot::link::Link;
 use crate::autopilot::mission::{Mission, MissionOptions, NewPlan};
 use crate::autopilot::notice::PilotError;
 use crate::autopilot::pilot::{Pilot, PilotOptions};
+use crate::frame::Geodetic;
 use crate::mission::course::Course;
 use crate::mission::mav_items::Autopilot;
 use crate::mission::plan_read;
 use crate::scene::free_space::FreeSpace;
-use crate::trajectory::plan::sight_scale;
+use crate::trajectory::plan::{Plan, sight_scale};
 
 /// A larger plan.json is a mistake.
 const MOST_PLAN_BYTES: u64 = 1_000_000_000;
@@ -42,10 +43,11 @@ const LEAST_LEFT_S: f64 = 1.0;
 pub fn run(arguments: &FlyArgs, form: Form) -> Result<(), Failure> {
     let is_file = arguments.plan.contains('/') || arguments.plan.ends_with(".json") || Path::new(&arguments.plan).is_file();
     let file = if is_file { Some(read(&arguments.plan)?) } else { None };
-    let (file, free) = free_space(arguments, file)?;
+    let (file, space) = free_space(arguments, file)?;
     if arguments.dry_run {
         let new = file.map_or_else(|| orders::last_plan(arguments), Ok)?;
-        return form.print(&dry_run(arguments, &new, free.as_deref())?).map_err(Failure::Print);
+        let free = space.as_ref().map(|space| space.of(&new.plan)).transpose()?;
+        return form.print(&dry_run(arguments, &new, free)?).map_err(Failure::Print);
     }
     let Some(place) = arguments.link.clone() else { return Err(Failure::Usage("give `--link`, or `--dry-run`".to_owned())) };
     let source = file.map_or_else(|| PlanSource::open(arguments), |new| Ok(PlanSource::File(new)))?;
@@ -54,17 +56,23 @@ pub fn run(arguments: &FlyArgs, form: Form) -> Result<(), Failure> {
     let what_follows = "stopping: the autopilot flies its mission on by itself; Ctrl-C again ends at once";
     let _interrupts = Interrupts::announced(form, what_follows, move || stopper.store(true, Ordering::Relaxed));
     let link = Link::open(place)?;
-    Flight::new(arguments, form, link, source, free).fly(&stop)
+    if let (Some(space), Some(first)) = (&space, source.first()) {
+        space.of(&first.plan)?;
+    }
+    Flight::new(arguments, form, link, source, space).fly(&stop)
 }
 
 /// The space that the ways out and home lead through: of the scene that is given, and for a plan.json else of the one that it was made on. A file's plan comes back
 /// in the frame of the scene, and is held against it; a daemon has checked its own against what the scene is by now.
-fn free_space(arguments: &FlyArgs, file: Option<NewPlan>) -> Result<(Option<NewPlan>, Option<Arc<FreeSpace>>), Failure> {
+fn free_space(arguments: &FlyArgs, file: Option<NewPlan>) -> Result<(Option<NewPlan>, Option<Space>), Failure> {
     let settings = settings_file::settings(arguments.course.config.as_ref(), None)?;
     let Some(new) = file else {
         let Some(scene) = &arguments.course.scene else { return Ok((None, None)) };
         let (scene, _) = in_process::read_scene(scene, &settings)?;
-        return Ok((None, Some(Arc::new(flown_scene::free_space(&scene, &settings)?))));
+        return Ok((
+            None,
+            Some(Space { free: Arc::new(flown_scene::free_space(&scene, &settings)?), origin: scene.frame.origin }),
+        ));
     };
     let settings = settings.with_sight(sight_scale(&new.plan.cameras));
     let found = flown_scene::find(arguments.course.scene.as_ref(), Path::new(&arguments.plan), &new.plan, &settings)?;
@@ -73,7 +81,25 @@ fn free_space(arguments: &FlyArgs, file: Option<NewPlan>) -> Result<(Option<NewP
     let free = flown_scene::free_space(&scene, &settings)?;
     let options = arguments.course.options();
     Course::new(&plan, Some(&free), &options)?.check(&plan, &free)?;
-    Ok((Some(NewPlan { plan: Arc::new(plan), ..new }), Some(Arc::new(free))))
+    let space = Space { free: Arc::new(free), origin: scene.frame.origin };
+    Ok((Some(NewPlan { plan: Arc::new(plan), ..new }), Some(space)))
+}
+
+/// The space of a scene, and where its frame lies.
+struct Space {
+    free: Arc<FreeSpace>,
+    origin: Option<Geodetic>,
+}
+
+impl Space {
+    /// The space, for a plan in the same frame: a daemon keeps that of the file that it has loaded first.
+    fn of(&self, plan: &Plan) -> Result<&FreeSpace, Failure> {
+        if self.origin == plan.scene.origin {
+            return Ok(&self.free);
+        }
+        let what = "the file of `--scene` lies in another frame than the loaded scene; give the file that the daemon has loaded first, or none";
+        Err(Failure::Usage(what.to_owned()))
+    }
 }
 
 fn read(path: &str) -> Result<NewPlan, Failure> {
@@ -97,6 +123,7 @@ struct Flight<'a> {
     form: Form,
     link: Link,
     source: PlanSource,
+    space: Option<Space>,
     pilot: Pilot,
     began: Instant,
     reported: Duration,
@@ -106,12 +133,12 @@ struct Flight<'a> {
 }
 
 impl<'a> Flight<'a> {
-    fn new(arguments: &'a FlyArgs, form: Form, link: Link, source: PlanSource, free: Option<Arc<FreeSpace>>) -> Self {
+    fn new(arguments: &'a FlyArgs, form: Form, link: Link, source: PlanSource, space: Option<Space>) -> Self {
         let options = PilotOptions {
             system: arguments.system,
             autopilot: arguments.autopilot.map(Into::into),
             course: arguments.course.options(),
-            free,
+            free: space.as_ref().map(|space| Arc::clone(&space.free)),
             sortie: arguments.sortie as usize,
             starts: arguments.start,
             holds: !arguments.no_hold,
@@ -121,7 +148,7 @@ impl<'a> Flight<'a> {
         };
         let pilot = Pilot::new(options, Duration::ZERO);
         let (reported, told) = (Duration::ZERO, Duration::ZERO);
-        Self { arguments, form, link, source, pilot, began: Instant::now(), reported, told, told_of: None, armed: None }
+        Self { arguments, form, link, source, space, pilot, began: Instant::now(), reported, told, told_of: None, armed: None }
     }
 
     fn fly(mut self, stop: &AtomicBool) -> Result<(), Failure> {
@@ -182,6 +209,11 @@ impl<'a> Flight<'a> {
     fn take(&mut self, word: Word) -> Result<(), Failure> {
         match word {
             Word::Plan(new) => {
+                // Another scene may have been loaded under this name.
+                if self.space.as_ref().is_some_and(|space| space.of(&new.plan).is_err()) {
+                    self.space = None;
+                    self.pilot.forget_space();
+                }
                 self.pilot.fly(new);
                 return Ok(());
             }

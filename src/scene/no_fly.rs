@@ -106,8 +106,11 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::scene::ZoneSource;
+    use crate::scene::differences::Differences;
+    use crate::scene::free_space::FreeSpace;
     use crate::scene::terrain::tests::hill;
+    use crate::scene::{Shape, Structure, StructureId, TERRAIN_NAME, ZoneSource};
+    use crate::settings::Settings;
 
     fn zone(floor_m: f64, ceiling_m: f64) -> NoFlyZone {
         let outline = polygon!(
@@ -156,5 +159,17 @@ mod tests {
         assert!(!zone.meets(&over_the_hill[0], &over_the_hill[1], None));
         let high = over_the_hill.map(|p| Point3::new(p.x, p.y, 71.0));
         assert!(!zone.meets(&high[0], &high[1], Some(&terrain)));
+
+        // A scene on the hill bars the same, and an edit of the zone touches all that it bars.
+        let (name, shape) = (TERRAIN_NAME.to_owned(), Shape::Terrain(terrain.into()));
+        let ground = Structure { id: StructureId::of_name(&name), name, shape };
+        let scene =
+            Scene { name: "hill".into(), frame: Default::default(), structures: vec![ground.into()], zones: vec![zone.clone()] };
+        let free = FreeSpace::new(&scene, &Settings::default().flight).unwrap();
+        assert!(free.zone_between(&over_the_hill[0], &over_the_hill[1]).is_some());
+        assert!(free.zone_between(&high[0], &high[1]).is_none());
+        let without = Scene { zones: Vec::new(), ..scene.clone() };
+        let touched = Differences::between(&without, &scene).barred[0];
+        assert!(touched.max.z >= 60.0 && touched.contains(&Point3::new(0.0, 12.0, 60.0)), "{touched:?}");
     }
 }

@@ -81,6 +81,17 @@ impl PlanSource {
         Ok(Self::Daemon(Watcher { words, first, report, stop }))
     }
 
+    /// The plan that is flown first, where it is known.
+    pub fn first(&self) -> Option<&NewPlan> {
+        match self {
+            Self::File(new) => Some(new),
+            Self::Daemon(watcher) => match watcher.first.front() {
+                Some(Word::Plan(new)) => Some(new),
+                _ => None,
+            },
+        }
+    }
+
     /// The next word of the daemon, if there is one.
     pub fn word(&mut self) -> Option<Word> {
         match self {

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 
+from playwright.sync_api import TimeoutError as Late
 from playwright.sync_api import sync_playwright
 
 CHROMIUM = "/usr/bin/chromium"
@@ -82,10 +83,13 @@ def live(page):
     return page.evaluate("() => ({ ...document.getElementById('live').dataset })")
 
 
-def wait_for(page, condition, *values):
+def wait_for(page, condition):
     """Waits until a condition holds for what the live part says of itself."""
-    script = f"(values) => {{ const live = document.getElementById('live').dataset; return {condition}; }}"
-    page.wait_for_function(script, arg=list(values), timeout=PATIENCE_MS)
+    script = f"() => {{ const live = document.getElementById('live').dataset; return {condition}; }}"
+    try:
+        page.wait_for_function(script, timeout=PATIENCE_MS)
+    except Late:
+        sys.exit(f"WRONG: {condition} does not come: {live(page)}\n{page.locator('#live').inner_text()}")
 
 
 def place_of(page, name):
@@ -136,7 +140,6 @@ def main():
         daemon = Daemon(arguments.binary.resolve(), folder)
         scene = arguments.scene.resolve() if arguments.scene else folder / "town.geojson"
         if not arguments.scene:
-            daemon.run("generate", "--seed", "5", "--extent", "200,200", "--buildings", "24", "--out", str(scene), check=False)
             subprocess.run([daemon.binary, "generate", "--seed", "5", "--extent", "200,200", "--buildings", "24", "--out", scene], check=True)
         daemon.load_and_plan(scene)
         words = [daemon.binary, "watch", "town", "--html", "0", "--json", "--domain", daemon.domain]

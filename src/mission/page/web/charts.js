@@ -1,7 +1,9 @@
 // Speed, altitude and coverage over time, one below the other over one axis.
 
+import { capturedPercent, clockText, droneAt } from './model.js';
+
 const SVG = 'http://www.w3.org/2000/svg';
-const ROW = { height: 40, gap: 9, top: 5 };
+const ROW = { height: 40, gap: 9, top: 14 };
 const GUTTER = { left: 96, right: 62 };
 const MOST_POINTS = 900;
 
@@ -130,7 +132,7 @@ export class Charts {
         return element('g', { class: 'sorties' }, ...marks.flatMap(({ number, start_s: start, end_s: end }) => {
             const [from, to] = [this.x(start), this.x(end)];
             const band = element('rect', { class: number % 2 === 0 ? 'even' : 'odd', x: from, y: ROW.top, width: Math.max(to - from, 0), height: bottom - ROW.top });
-            const name = to - from > 20 ? [element('text', { class: 'battery', x: (from + to) / 2, y: ROW.top + 8 }, String(number))] : [];
+            const name = to - from > 44 ? [element('text', { class: 'battery', x: (from + to) / 2, y: ROW.top - 4 }, `sortie ${number}`)] : [];
             return [band, ...name];
         }));
     }

@@ -1,5 +1,8 @@
 // Two plans side by side: their figures, what only one of them captures, and structures that differ between their scenes.
 
+import { differenceBetween } from './discs.js';
+import { figuresOf, node } from './panel.js';
+
 export function showComparison(flights, onChoose, chosen) {
     const section = document.getElementById('compare');
     section.hidden = flights.length < 2;

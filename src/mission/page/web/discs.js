@@ -1,34 +1,48 @@
 // The surface as discs, coloured by what is captured. Form tells the same as colour: captured is full, missed is a ring, out of reach is a dot.
 
+import { INSTANT_S } from './model.js';
+import { COVERAGE } from './theme.js';
+import { cross } from './structures.js';
+
 export const DISC_MODES = { off: 0, now: 1, final: 2, difference: 3 };
-// Larger discs would stand out over the edges of walls, m.
-const WIDEST_M = 2.6;
-const CORNERS = 8;
+// Larger discs would stand out over the edges of walls, m; where samples are far apart that matters less.
+const WIDEST_M = 3;
+const WIDEST_SHARE = 0.32;
 
 export class Discs {
     constructor(flight, other) {
         const { surface, seen, captured, r, capturable, threshold } = flight.coverage;
-        const geometry = new THREE.InstancedBufferGeometry();
-        geometry.instanceCount = surface.count;
-        const corners = [];
-        for (let k = 0; k < CORNERS; k += 1) {
-            const [a, b] = [k, k + 1].map((step) => (2 * Math.PI * step) / CORNERS);
-            corners.push(0, 0, 0, Math.cos(a), Math.sin(a), 0, Math.cos(b), Math.sin(b), 0);
-        }
-        geometry.setAttribute('position', new THREE.Float32BufferAttribute(corners, 3));
-        const each = (name, values, size) => geometry.setAttribute(name, new THREE.InstancedBufferAttribute(values, size));
-        each('place', surface.positions, 3);
-        each('facing', surface.normals, 3);
-        each('radius', surface.areas.map((area) => Math.min(Math.sqrt((0.62 * area) / Math.PI), WIDEST_M)), 1);
-        const times = new Float32Array(2 * surface.count);
-        const shares = new Float32Array(3 * surface.count);
+        const { count } = surface;
+        const spacing = Math.sqrt(Float32Array.from(surface.areas).sort()[count >> 1] ?? 1);
+        const widest = Math.max(WIDEST_M, WIDEST_SHARE * spacing);
         const differences = other ? differenceBetween(flight, other) : null;
-        for (let k = 0; k < surface.count; k += 1) {
-            times.set([seen[k], captured[k]], 2 * k);
-            shares.set([Math.min(r[k] / Math.max(threshold, 1e-6), 1), capturable[k], differences ? differences[k] : 0], 3 * k);
+        // A square for each disc, out of which the fragment shader cuts its form: processors that draw by software have little to do for that.
+        const [positions, facing, times, shares] = [3, 3, 2, 3].map((size) => new Float32Array(4 * size * count));
+        const indices = new Uint32Array(6 * count);
+        for (let k = 0; k < count; k += 1) {
+            const radius = Math.min(Math.sqrt((0.75 * surface.areas[k]) / Math.PI), widest);
+            const normal = surface.normals.subarray(3 * k, 3 * k + 3);
+            const across = cross(normal, Math.abs(normal[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]);
+            const length = Math.hypot(...across);
+            const along = cross(normal, across);
+            for (let c = 0; c < 4; c += 1) {
+                const [u, v] = [c & 1 ? radius : -radius, c & 2 ? radius : -radius].map((side) => side / length);
+                for (let axis = 0; axis < 3; axis += 1) {
+                    positions[3 * (4 * k + c) + axis] = surface.positions[3 * k + axis] + 0.12 * normal[axis] + u * across[axis] + v * along[axis];
+                }
+                facing.set(normal, 3 * (4 * k + c));
+                times.set([seen[k], captured[k]], 2 * (4 * k + c));
+                shares.set([Math.min(r[k] / Math.max(threshold, 1e-6), 1), capturable[k], differences ? differences[k] : 0], 3 * (4 * k + c));
+            }
+            indices.set([0, 1, 3, 0, 3, 2].map((c) => 4 * k + c), 6 * k);
         }
+        const geometry = new THREE.BufferGeometry();
+        const each = (name, values, size) => geometry.setAttribute(name, new THREE.BufferAttribute(values, size));
+        each('position', positions, 3);
+        each('facing', facing, 3);
         each('times', times, 2);
         each('shares', shares, 3);
+        geometry.setIndex(new THREE.BufferAttribute(indices, 1));
         this.material = new THREE.ShaderMaterial({
             side: THREE.DoubleSide,
             polygonOffset: true,
@@ -41,45 +55,49 @@ export class Discs {
                 ...Object.fromEntries(Object.entries(COVERAGE).map(([name, colour]) => [name, { value: new THREE.Vector3(...colour) }])),
             },
             vertexShader: `
-                attribute vec3 place; attribute vec3 facing; attribute float radius; attribute vec2 times; attribute vec3 shares;
+                attribute vec3 facing; attribute vec2 times; attribute vec3 shares;
                 uniform int mode; uniform float now;
                 uniform vec3 waiting; uniform vec3 captured; uniform vec3 nothing; uniform vec3 halfway; uniform vec3 beyond; uniform vec3 gained; uniform vec3 lost;
-                varying vec3 colour; varying float hole; varying vec2 spot;
+                flat varying vec3 colour;
+                // Squares of the inner and the outer radius, in radii of the disc.
+                flat varying vec2 ring;
+                varying vec2 spot;
                 void main() {
-                    float size = radius;
-                    hole = 0.0;
+                    spot = vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, (gl_VertexID & 2) == 0 ? -1.0 : 1.0);
+                    if (dot(facing, cameraPosition - position) <= 0.0) {
+                        gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+                        return;
+                    }
                     bool isCaptured = times.y >= 0.0 && (mode == 2 || times.y <= now);
                     bool isSeen = times.x >= 0.0 && times.x <= now;
                     if (mode == 3) {
                         colour = shares.z > 0.5 ? gained : shares.z < -0.5 ? lost : waiting;
-                        hole = shares.z > 0.5 ? 0.0 : shares.z < -0.5 ? 0.5 : 0.8;
-                        if (abs(shares.z) < 0.5) size *= 0.4;
+                        ring = shares.z > 0.5 ? vec2(0.0, 1.0) : shares.z < -0.5 ? vec2(0.25, 1.0) : vec2(0.0, 0.07);
                     } else if (isCaptured) {
                         colour = captured;
+                        ring = vec2(0.0, 1.0);
                     } else if (shares.y < 0.5) {
                         colour = beyond;
-                        size *= 0.42;
+                        ring = vec2(0.0, 0.14);
                     } else if (mode == 2) {
                         colour = mix(nothing, halfway, shares.x);
-                        hole = 0.5;
+                        ring = vec2(0.25, 1.0);
                     } else if (isSeen) {
                         colour = halfway * vec3(1.0, 0.86, 0.6);
-                        hole = 0.5;
+                        ring = vec2(0.25, 1.0);
                     } else {
                         colour = waiting;
-                        hole = 0.72;
-                        size *= 0.8;
+                        ring = vec2(0.34, 0.62);
                     }
-                    vec3 helper = abs(facing.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(1.0, 0.0, 0.0);
-                    vec3 across = normalize(cross(facing, helper));
-                    vec3 along = cross(facing, across);
-                    spot = position.xy;
-                    vec3 corner = place + facing * 0.12 + size * (across * position.x + along * position.y);
-                    gl_Position = projectionMatrix * modelViewMatrix * vec4(corner, 1.0);
+                    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
                 }`,
             fragmentShader: `
-                varying vec3 colour; varying float hole; varying vec2 spot;
-                void main() { if (length(spot) < hole) discard; gl_FragColor = vec4(colour, 1.0); }`,
+                flat varying vec3 colour; flat varying vec2 ring; varying vec2 spot;
+                void main() {
+                    float square = dot(spot, spot);
+                    if (square < ring.x || square > ring.y) discard;
+                    gl_FragColor = vec4(colour, 1.0);
+                }`,
         });
         this.mesh = new THREE.Mesh(geometry, this.material);
         this.mesh.frustumCulled = false;

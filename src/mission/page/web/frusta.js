@@ -1,5 +1,7 @@
 // What images frame: the last one taken as far as it sees, and all of them as small frames.
 
+import { cross } from './structures.js';
+
 // Longest side of a frame that meets nothing, m, and length of the small ones.
 const SIGHT_M = 70;
 const SMALL_M = 5;

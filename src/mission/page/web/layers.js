@@ -1,5 +1,8 @@
 // What is shown: the switches beside the view, and the legend that goes with them.
 
+import { COVERAGE, cssColour } from './theme.js';
+import { node } from './panel.js';
+
 const COVERAGE_MODES = [
     ['off', 'Off'],
     ['now', 'As flown until now'],
@@ -14,7 +17,10 @@ export class Layers {
         document.querySelectorAll('[data-layer]').forEach((input) => {
             const key = input.dataset.layer;
             const read = () => (input.type === 'checkbox' ? input.checked : input.value);
-            input.addEventListener('change', () => (input.type !== 'radio' || input.checked) && this.set(key, read()));
+            input.addEventListener('change', () => {
+                if (key === 'coverage') this.isChosen = true;
+                if (input.type !== 'radio' || input.checked) this.set(key, read());
+            });
         });
         this.write();
     }
@@ -32,13 +38,20 @@ export class Layers {
             input.disabled = !this.modes.includes(input.value);
             input.closest('label').hidden = input.value === 'difference' && !isComparing;
         });
-        if (!this.modes.includes(this.state.coverage)) this.state.coverage = this.modes.includes('now') ? 'now' : 'off';
+        if (!this.modes.includes(this.state.coverage)) this.state.coverage = this.modes.includes('final') ? 'final' : 'off';
         document.querySelector('[data-layer=zones]').closest('label').hidden = !hasZones;
         document.querySelector('[data-layer=ceiling]').closest('label').hidden = !hasCeiling;
         this.write();
     }
 
+    // Whoever plays the flight wants to see how the surface fills, if nothing else was chosen.
+    playing() {
+        if (!this.isChosen && this.state.coverage === 'final') this.set('coverage', 'now');
+    }
+
     cycle(key, values) {
+        this.isChosen ||= key === 'coverage';
+
         this.set(key, values[(values.indexOf(this.state[key]) + 1) % values.length]);
     }
 
@@ -54,8 +67,8 @@ export class Layers {
     legend(flight, colours) {
         const entries = {
             off: [],
-            now: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway.map((v, k) => v * [1, 0.86, 0.6][k]), 'seen, not enough'], ['thin', colours.grid, 'still to come'], ['dot', COVERAGE.beyond, 'out of reach']],
-            final: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway, 'half of enough'], ['ring', COVERAGE.nothing, 'missed'], ['dot', COVERAGE.beyond, 'out of reach']],
+            now: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway.map((v, k) => v * [1, 0.86, 0.6][k]), 'seen'], ['thin', colours.grid, 'still to come'], ['dot', COVERAGE.beyond, 'out of reach']],
+            final: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway, 'half enough'], ['ring', COVERAGE.nothing, 'missed'], ['dot', COVERAGE.beyond, 'out of reach']],
             difference: [['full', COVERAGE.gained, 'only A captures'], ['ring', COVERAGE.lost, 'only B captures'], ['dot', colours.grid, 'the same']],
         }[this.state.coverage];
         document.getElementById('coverage-legend').replaceChildren(...entries.map(([form, colour, text]) => {

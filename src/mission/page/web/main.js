@@ -1,7 +1,23 @@
 // Puts the page together. `window.overfly` is what programs around it use: `show(data)` replaces what is shown, `onPick(callback)` tells what is picked.
 
+import { INSTANT_S, capturedPercent, clockText, countUpTo, droneAt, imagesAt, lengthText, modelOf } from './model.js';
+import { chooseTheme, followTheme, palette, themeName } from './theme.js';
+import { Structures, distanceToBox } from './structures.js';
+import { Surroundings, niceLength } from './surroundings.js';
+import { Drone, Route } from './route.js';
+import { Frusta } from './frusta.js';
+import { Discs } from './discs.js';
+import { Stage, canDraw } from './stage.js';
+import { Pointer } from './pointer.js';
+import { Charts } from './charts.js';
+import { Timeline } from './timeline.js';
+import { showFigures, showHeading, showNotes, showPicked, showSorties, showTable } from './panel.js';
+import { ghostsOf, sceneDifferences, showComparison } from './compare.js';
+import { Layers } from './layers.js';
+import { listenToKeys } from './keys.js';
+
 const byId = (id) => document.getElementById(id);
-const state = { coverage: 'now', colour: 'speed', frusta: 'current', waypoints: false, zones: true, ceiling: false, edges: true, plan: 0 };
+const state = { coverage: 'final', colour: 'speed', frusta: 'current', waypoints: false, zones: true, ceiling: false, edges: true, plan: 0 };
 const labels = new Map();
 const pickers = [];
 let model = null;
@@ -10,7 +26,7 @@ let pointer = null;
 let world = null;
 let picked = null;
 
-window.overfly = { show, onPick: (callback) => pickers.push(callback), state: told, look: (view) => stage?.look(view), view: () => stage?.view(), stage: () => stage };
+window.overfly = { show, onPick: (callback) => pickers.push(callback), state: told, look: (view) => stage?.look(view), view: () => stage?.view(), stage: () => stage, at: (x, y) => pointer?.at(x, y) };
 
 const charts = new Charts(byId('charts'), (time) => timeline.go(time));
 const timeline = new Timeline({ slider: byId('slider'), button: byId('play'), rate: byId('rate'), clock: byId('clock'), status: byId('where') }, follow);
@@ -24,6 +40,7 @@ const layers = new Layers(state, (key) => {
     if (key === 'colour') paint();
     refresh();
 });
+timeline.onPlay = () => layers.playing();
 const actions = { image: jumpByImage, measure: toggleMeasuring, theme: switchTheme, home: () => stage?.home(), above: () => stage?.above(), switchPlan, help: () => byId('help').showModal() };
 
 start();

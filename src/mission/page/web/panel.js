@@ -1,5 +1,7 @@
 // Words and figures: what the plan is, what it comes to, and the structures as a table for those who do not look at the picture.
 
+import { clockText, lengthText } from './model.js';
+
 // Rows of the table of structures.
 const MOST_ROWS = 200;
 
@@ -44,7 +46,7 @@ export function showFigures(flight) {
 export function showSorties(flight, onJump) {
     const section = document.getElementById('sorties');
     const { sorties, sorties_note: note } = flight;
-    section.hidden = sorties.length === 0 && !note;
+    section.hidden = sorties.length === 0 ? !note : sorties.length === 1 && sorties[0].battery_percent === null;
     if (section.hidden) return;
     const button = ({ number, start_s: start }) => {
         const made = node('button', { type: 'button', class: 'link', 'aria-label': `Go to the beginning of sortie ${number}` }, clockText(start));
@@ -57,7 +59,7 @@ export function showSorties(flight, onJump) {
     const head = node('tr', {}, ...['No.', 'Begins', 'In the air', 'Battery'].map((title) => node('th', { scope: 'col' }, title)));
     const table = node('table', {}, node('thead', {}, head), node('tbody', {}, ...rows));
     const heading = node('h2', {}, sorties.length > 1 ? `${sorties.length} sorties` : 'Sorties');
-    section.replaceChildren(heading, rows.length > 0 ? table : node('p', { class: 'quiet' }, note));
+    section.replaceChildren(heading, rows.length > 0 ? table : node('p', { class: 'quiet' }, `Not divided into sorties: ${note}`));
     if (rows.length > 0) section.append(node('p', { class: 'quiet' }, 'In the air: with the ways out and home, landing with a quarter of the battery left.'));
 }
 
@@ -94,5 +96,5 @@ export function showNotes(flight, scene) {
     if (flight.coverage?.by === 'field') notes.push('When a part is captured is estimated from the field; what is captured in the end is exact.');
     const section = document.getElementById('notes');
     section.hidden = notes.length === 0;
-    section.replaceChildren(...notes.map((note) => node('p', { class: 'quiet' }, note)));
+    section.replaceChildren(...notes.map((note) => node('p', { class: 'quiet' }, `Not divided into sorties: ${note}`)));
 }

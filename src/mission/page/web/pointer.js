@@ -1,5 +1,8 @@
 // What the pointer is on: names and figures of structures, and a measure between two places.
 
+import { distanceOf, lengthText } from './model.js';
+import { palette } from './theme.js';
+
 export class Pointer {
     constructor({ stage, tip, world, onPick }) {
         Object.assign(this, { stage, tip, world, onPick, measured: [], isMeasuring: false });

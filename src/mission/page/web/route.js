@@ -1,39 +1,25 @@
 // A flight's path as a line that is coloured by speed or time, with its waypoints; and the drone on it.
 
+import { distanceOf, rampColour } from './model.js';
+import { meshOf } from './surroundings.js';
+
 export class Route {
     constructor(flight, isOther) {
         this.flight = flight;
         this.isOther = isOther;
         this.group = new THREE.Group();
-        const { count, positions } = flight.path;
-        const ends = new Float32Array(6 * Math.max(count - 1, 0));
-        for (let k = 0; k + 1 < count; k += 1) ends.set(positions.subarray(3 * k, 3 * k + 6), 6 * k);
-        const geometry = new THREE.LineSegmentsGeometry();
-        if (ends.length > 0) geometry.setPositions(ends);
-        // A casing sets the line off from whatever is behind it.
-        this.casing = new THREE.LineSegments2(geometry, new THREE.LineMaterial({ linewidth: isOther ? 3 : 4.5, transparent: true, opacity: 0.5, depthWrite: false }));
-        this.line = new THREE.LineSegments2(geometry, new THREE.LineMaterial({ linewidth: isOther ? 1.6 : 2.4, vertexColors: true }));
+        this.ribbon = new Ribbon(flight.path, isOther ? 2.8 : 3.8);
         this.waypoints = pointsOf(flight.waypoints, 5);
         this.waypoints.visible = false;
         this.ends = pointsOf(flight.waypoints.length >= 6 ? [...flight.waypoints.slice(0, 3), ...flight.waypoints.slice(-3)] : flight.waypoints, 10);
-        [this.casing, this.line].forEach((line) => { line.frustumCulled = false; });
-        if (ends.length > 0) this.group.add(this.casing, this.line);
-        this.group.add(this.waypoints, this.ends);
+        this.group.add(this.ribbon.mesh, this.waypoints, this.ends);
     }
 
     paint(colours, by) {
         const { path, fastest, duration_s: duration } = this.flight;
         const share = by === 'time' ? (k) => path.times[k] / Math.max(duration, 1e-6) : (k) => path.speeds[k] / Math.max(fastest, 1e-6);
         const stops = by === 'time' ? colours.earlyToLate : colours.slowToFast;
-        const bytes = new Float32Array(6 * Math.max(path.count - 1, 0));
-        for (let k = 0; k + 1 < path.count; k += 1) {
-            for (const end of [0, 1]) {
-                const colour = this.isOther ? colours.other : rampColour(stops, share(k + end));
-                bytes.set(colour.map(linear), 6 * k + 3 * end);
-            }
-        }
-        if (bytes.length > 0) this.line.geometry.setColors(bytes);
-        this.casing.material.color.setRGB(...colours.casing, 'srgb');
+        this.ribbon.paint((k) => (this.isOther ? colours.other : rampColour(stops, share(k))), colours.casing);
         this.waypoints.material.uniforms.colour.value.set(...colours.drone);
         this.waypoints.material.uniforms.rim.value.set(...colours.casing);
         this.ends.material.uniforms.colour.value.set(...(this.isOther ? colours.other : colours.drone));
@@ -47,6 +33,71 @@ export class Route {
         const [first, end] = [corner(0), corner(last)];
         if (distanceOf(first, end) < 3) return [{ at: first, text: `${prefix}start and end`, kind: 'end' }];
         return [{ at: first, text: `${prefix}start`, kind: 'end' }, { at: end, text: `${prefix}end`, kind: 'end' }];
+    }
+}
+
+// A line of one width on the screen, px: for each piece of the path a strip that is turned to the viewer, with a rim that sets it off from whatever is behind it.
+class Ribbon {
+    constructor({ count, positions }, width) {
+        const pieces = Math.max(count - 1, 0);
+        this.pieces = pieces;
+        const [ends, others] = [new Float32Array(12 * pieces), new Float32Array(12 * pieces)];
+        const indices = new Uint32Array(6 * pieces);
+        for (let k = 0; k < pieces; k += 1) {
+            const [from, to] = [positions.subarray(3 * k, 3 * k + 3), positions.subarray(3 * k + 3, 3 * k + 6)];
+            [from, from, to, to].forEach((end, c) => ends.set(end, 3 * (4 * k + c)));
+            [to, to, from, from].forEach((end, c) => others.set(end, 3 * (4 * k + c)));
+            indices.set([0, 1, 2, 2, 1, 3].map((c) => 4 * k + c), 6 * k);
+        }
+        const geometry = new THREE.BufferGeometry();
+        geometry.setAttribute('position', new THREE.BufferAttribute(ends, 3));
+        geometry.setAttribute('other', new THREE.BufferAttribute(others, 3));
+        geometry.setAttribute('colour', new THREE.BufferAttribute(new Uint8Array(12 * pieces), 3, true));
+        geometry.setIndex(new THREE.BufferAttribute(indices, 1));
+        this.material = new THREE.ShaderMaterial({
+            side: THREE.DoubleSide,
+            uniforms: { width: { value: width }, size: { value: new THREE.Vector2(1, 1) }, rim: { value: new THREE.Vector3() } },
+            vertexShader: `
+                attribute vec3 other; attribute vec3 colour;
+                uniform float width; uniform vec2 size;
+                varying vec3 shade; varying float side;
+                void main() {
+                    // The first two corners stand at the beginning of a piece, the others at its end.
+                    float ahead = (gl_VertexID & 2) == 0 ? 1.0 : -1.0;
+                    side = (gl_VertexID & 1) == 0 ? -1.0 : 1.0;
+                    shade = colour;
+                    vec4 here = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+                    vec4 there = projectionMatrix * modelViewMatrix * vec4(other, 1.0);
+                    float least = 0.01;
+                    if (here.w < least) here = mix(here, there, (least - here.w) / max(there.w - here.w, 1e-6));
+                    if (there.w < least) there = mix(there, here, (least - there.w) / max(here.w - there.w, 1e-6));
+                    vec2 way = (there.xy / there.w - here.xy / here.w) * size * ahead;
+                    float pixels = length(way);
+                    way = pixels > 1e-6 ? way / pixels : vec2(1.0, 0.0);
+                    // A little beyond the ends, so that pieces meet.
+                    vec2 offset = vec2(-way.y, way.x) * side - way * ahead * 0.4;
+                    here.xy += offset * width / size * here.w;
+                    gl_Position = here;
+                }`,
+            fragmentShader: `
+                uniform vec3 rim; varying vec3 shade; varying float side;
+                void main() { gl_FragColor = vec4(abs(side) > 0.62 ? mix(shade, rim, 0.72) : shade, 1.0); }`,
+        });
+        this.mesh = new THREE.Mesh(geometry, this.material);
+        this.mesh.frustumCulled = false;
+        this.mesh.visible = pieces > 0;
+        this.mesh.onBeforeRender = (renderer) => renderer.getSize(this.material.uniforms.size.value);
+    }
+
+    // `colourAt` gives the colour at a sample of the path.
+    paint(colourAt, rim) {
+        const bytes = this.mesh.geometry.attributes.colour.array;
+        for (let k = 0; k < this.pieces; k += 1) {
+            const [from, to] = [colourAt(k), colourAt(k + 1)].map((colour) => colour.map((value) => 255 * value));
+            [from, from, to, to].forEach((colour, c) => bytes.set(colour, 3 * (4 * k + c)));
+        }
+        this.mesh.geometry.attributes.colour.needsUpdate = true;
+        this.material.uniforms.rim.value.set(...rim);
     }
 }
 

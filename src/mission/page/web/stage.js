@@ -45,6 +45,8 @@ export class Stage {
         this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, this.most_pixels));
         this.renderer.setSize(width, height, false);
         this.camera.aspect = width / height;
+        // What is looked at stands in the middle of what the switches leave free.
+        this.camera.setViewOffset(width, height, width > 760 ? 105 : 0, 0, width, height);
         this.camera.updateProjectionMatrix();
         this.invalidate();
     }
@@ -82,12 +84,23 @@ export class Stage {
     home() {
         const { min, max } = this.bounds;
         const middle = [0, 1, 2].map((axis) => (min[axis] + max[axis]) / 2);
-        this.look({ ...START_VIEW, target: [middle[0], middle[1], min[2] + 0.25 * (max[2] - min[2])], distance: this.fitting() });
+        const target = [middle[0], middle[1], min[2] + 0.25 * (max[2] - min[2])];
+        // How far out the corners come on the screen goes down with the distance; a few rounds are near enough.
+        let distance = 2.5 * this.radius;
+        for (let round = 0; round < 5; round += 1) {
+            this.look({ ...START_VIEW, target, distance });
+            this.camera.updateMatrixWorld();
+            const outermost = Math.max(...Array.from({ length: 8 }, (_, k) => this.offCentre([k & 1 ? max : min, k & 2 ? max : min, k & 4 ? max : min].map((end, axis) => end[axis]))));
+            distance = Math.min(distance * (0.3 + 0.7 * outermost), this.controls.maxDistance);
+        }
+        this.look({ ...START_VIEW, target, distance });
     }
 
-    fitting() {
-        const half = Math.tan((FIELD_OF_VIEW_DEG * Math.PI) / 360);
-        return (0.9 * this.radius) / (half * Math.min(1, this.camera.aspect));
+    // Where a point is between the middle of the view, 0, and the margin that the whole scene leaves, 1.
+    offCentre(point) {
+        const seen = new THREE.Vector3(...point).project(this.camera);
+        const aside = (2 * (this.camera.view?.offsetX ?? 0)) / this.canvas.clientWidth;
+        return Math.max(Math.abs(seen.x + aside) / (0.9 - aside), Math.abs(seen.y) / 0.88);
     }
 
     above() {

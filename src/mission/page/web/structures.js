@@ -97,7 +97,7 @@ export class Structures {
         const positions = this.mesh.geometry.attributes.position.array;
         for (let t = first; t < first + count; t += 1) {
             const [x, y, z] = this.normals.subarray(3 * t, 3 * t + 3);
-            const light = 0.6 + 0.29 * Math.max(0, x * SUN[0] + y * SUN[1] + z * SUN[2]) + 0.14 * Math.max(0, z);
+            const light = 0.66 + 0.26 * Math.max(0, x * SUN[0] + y * SUN[1] + z * SUN[2]) + 0.14 * Math.max(0, z);
             for (let k = 3 * t; k < 3 * t + 3; k += 1) {
                 const above = Math.min(Math.max((positions[3 * k + 2] - base) / DARK_FOOT_M, 0), 1);
                 const foot = kind === 'terrain' || z > 0.7 ? 1 : 0.84 + 0.16 * above;
@@ -159,7 +159,7 @@ export class Structures {
 export const linear = (value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const minus = (corners, b, a) => [corners[b] - corners[a], corners[b + 1] - corners[a + 1], corners[b + 2] - corners[a + 2]];
 
 function faceNormal(corners, [a, b, c]) {

@@ -1,5 +1,8 @@
 // Time: the slider, play and pause.
 
+import { clockText } from './model.js';
+import { movesLittle } from './theme.js';
+
 // The slider's steps, s.
 const STEP_S = 0.1;
 
@@ -43,6 +46,7 @@ export class Timeline {
         this.button.setAttribute('aria-pressed', String(isPlaying));
         this.button.setAttribute('aria-label', isPlaying ? 'Pause' : 'Play');
         if (!isPlaying) return this.sayLater();
+        this.onPlay?.();
         if (this.time >= this.duration - STEP_S) this.go(0);
         this.then = performance.now();
         requestAnimationFrame((now) => this.tick(now));

@@ -282,10 +282,12 @@ fn a_lost_daemon_is_told_and_found_again() {
     let page = Page::open(&served, "block");
     let mut events = page.events();
     events.shown(1);
+    let body = format!(r#"{{"edit": "raise", "structure": "{tallest}", "by_m": 15}}"#);
+    assert_eq!(page.edit(&body).status, 200);
+    events.shown(2);
     served.signal("-KILL");
     let lost = events.phase("lost");
     assert!(lost["remark"].as_str().is_some_and(|remark| remark.contains("daemon")), "{lost}");
-    let body = format!(r#"{{"edit": "raise", "structure": "{tallest}", "by_m": 15}}"#);
     let refused = page.edit(&body);
     assert!(refused.status == 503 && refused.error().contains("daemon"), "{} {}", refused.status, refused.body);
 

@@ -17,11 +17,11 @@ import sys
 import tempfile
 import time
 
-from playwright.sync_api import sync_playwright
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import TimeoutError as Late
 
-CHROMIUM = "/usr/bin/chromium"
-# A machine without a graphics card draws by software.
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+from browser import DRIVER, browser
+
 PATIENCE_MS = 60_000
 
 
@@ -82,10 +82,13 @@ def live(page):
     return page.evaluate("() => ({ ...document.getElementById('live').dataset })")
 
 
-def wait_for(page, condition, *values):
+def wait_for(page, condition):
     """Waits until a condition holds for what the live part says of itself."""
-    script = f"(values) => {{ const live = document.getElementById('live').dataset; return {condition}; }}"
-    page.wait_for_function(script, arg=list(values), timeout=PATIENCE_MS)
+    script = f"() => {{ const live = document.getElementById('live').dataset; return {condition}; }}"
+    try:
+        page.wait_for_function(script, timeout=PATIENCE_MS)
+    except Late:
+        sys.exit(f"WRONG: {condition} does not come: {live(page)}\n{page.locator('#live').inner_text()}")
 
 
 def place_of(page, name):
@@ -131,21 +134,18 @@ def main():
     if arguments.shots:
         arguments.shots.mkdir(parents=True, exist_ok=True)
     trial = Trial(arguments.shots)
-    with tempfile.TemporaryDirectory() as temporary, sync_playwright() as playwright:
+    with tempfile.TemporaryDirectory() as temporary, browser() as running:
         folder = pathlib.Path(temporary)
         daemon = Daemon(arguments.binary.resolve(), folder)
         scene = arguments.scene.resolve() if arguments.scene else folder / "town.geojson"
         if not arguments.scene:
-            daemon.run("generate", "--seed", "5", "--extent", "200,200", "--buildings", "24", "--out", str(scene), check=False)
             subprocess.run([daemon.binary, "generate", "--seed", "5", "--extent", "200,200", "--buildings", "24", "--out", scene], check=True)
         daemon.load_and_plan(scene)
         words = [daemon.binary, "watch", "town", "--html", "0", "--json", "--domain", daemon.domain]
         server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=folder)
         try:
             address = json.loads(server.stdout.readline())["address"]
-            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-            try_all(browser, address, daemon, scene, trial, arguments.clicks)
-            browser.close()
+            try_all(running, address, daemon, scene, trial, arguments.clicks)
         finally:
             server.kill()
             daemon.end()
@@ -153,12 +153,12 @@ def main():
         sys.exit(f"{len(trial.wrong)} things are not as they should be")
 
 
-def try_all(browser, address, daemon, scene, trial, clicks):
-    context = browser.new_context(viewport={"width": 1360, "height": 850})
+def try_all(running, address, daemon, scene, trial, clicks):
+    context = running.new_context(viewport={"width": 1360, "height": 850})
     page, other = context.new_page(), context.new_page()
     said = []
     for one in (page, other):
-        one.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+        one.on("console", lambda message: said.append(message.text) if message.type == "error" and DRIVER not in message.text else None)
         one.on("pageerror", lambda error: said.append(str(error)))
     print("the plan that is there:")
     page.goto(address)
@@ -229,11 +229,6 @@ def by_keyboard(page, daemon, trial, name):
 
 def accessible(page, trial):
     """No serious finding of axe-core with the panel open."""
-    try:
-        from axe_playwright_python.sync_playwright import Axe
-    except ImportError:
-        trial.check(False, "axe is missing: install requirements.txt")
-        return
     violations = Axe().run(page).response["violations"]
     serious = [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in violations if one["impact"] in ("serious", "critical")]
     trial.check(serious == [], f"axe finds nothing serious with the panel open: {serious}")

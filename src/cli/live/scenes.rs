@@ -140,4 +140,41 @@ mod tests {
         assert!(html.contains("\"token\":\"7ea5e7\"") && !html.contains("<town>"));
         assert!(policy.contains("script-src 'nonce-0ddba11';") && !policy.contains("unsafe-eval"));
     }
+
+    fn act(epoch: u64, revision: u64, is_interim: bool) -> Act {
+        let plan = crate::mission::fixture::plan("panoramic", &[[0.0, 0.0, 30.0], [40.0, 0.0, 30.0]]);
+        let flight = page::flight(&epoch.to_string(), &plan, None);
+        Act { epoch, revision, is_interim, flight, scene: Scene3d::empty("town", None).called("town", revision) }
+    }
+
+    #[test]
+    fn the_plan_before_an_edit_stays_beside_all_that_follow_from_it() {
+        let mut stage = Stage::default();
+        let mut beside = |epoch, revision, is_interim| {
+            stage.set =
+                Some(Set { field: (1, revision), revision, scene: Scene3d::empty("town", None).called("town", revision) });
+            stage.enter(act(epoch, revision, is_interim));
+            let state: serde_json::Value = serde_json::from_slice(&stage.state(None)).unwrap();
+            assert_eq!((state["epoch"].as_u64(), state["revision"].as_u64()), (Some(epoch), Some(revision)));
+            let flights = state["page"]["flights"].as_array().unwrap();
+            flights.iter().map(|flight| flight["label"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+        };
+        assert_eq!(beside(1, 1, false), ["1"]);
+        // The path first, then what it captures.
+        assert_eq!([beside(2, 2, true), beside(2, 2, true)], [["2", "1"], ["2", "1"]]);
+        assert_eq!([beside(3, 2, true), beside(4, 2, false)], [["3", "1"], ["4", "1"]]);
+        assert_eq!(beside(5, 3, true), ["5", "4"]);
+        assert_eq!(beside(6, 4, true), ["6", "5"], "an edit that came before the search had ended");
+        assert_eq!([beside(7, 4, false), beside(8, 4, false)], [["7", "5"], ["8", "7"]], "another order in the same scene");
+    }
+
+    #[test]
+    fn where_nothing_can_be_flown_the_plan_before_shows_why() {
+        let mut stage =
+            Stage { set: Some(Set { field: (1, 2), revision: 2, scene: Scene3d::empty("town", None) }), ..Stage::default() };
+        stage.enter(act(1, 1, false));
+        let state: serde_json::Value = serde_json::from_slice(&stage.state(Some("no way \"out\""))).unwrap();
+        assert_eq!((&state["infeasible"], &state["epoch"]), (&"no way \"out\"".into(), &serde_json::Value::Null));
+        assert_eq!(state["page"]["flights"].as_array().map(Vec::len), Some(1));
+    }
 }

@@ -58,6 +58,8 @@ fn a_zone_that_cannot_be_barred_as_given_stops_the_import() {
         zone(json!({ "min_height": 70, "height": 60 })),
         zone(json!({ "height": 0 })),
         zone(json!({ "height": "high" })),
+        zone(json!({ "height": 60, "upperVerticalReference": "AMSL" })),
+        zone(json!({ "height": 200, "uom": "FT" })),
         zone(json!({ "height": -5 })),
         zone(json!({ "height": [60] })),
         zone(json!({ "height": "high", "building:height": 60 })),

@@ -56,7 +56,7 @@ fn feature<'a>(plan: &'a Plan, frame: &LocalFrame, picture: &'a Picture) -> Opti
     ring.extend(ring.first().copied());
     Some(Feature {
         r#type: "Feature",
-        geometry: (!ring.is_empty()).then(|| Geometry { r#type: "Polygon", coordinates: [ring] }),
+        geometry: (!ring.is_empty()).then_some(Geometry { r#type: "Polygon", coordinates: [ring] }),
         properties: Properties {
             name: &picture.name,
             camera: plan.cameras.get(picture.image.camera as usize).map(|camera| camera.name.as_str()),

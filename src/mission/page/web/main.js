@@ -113,7 +113,8 @@ function buildWorld(flight) {
     const isNewScene = world?.scene !== scene;
     if (world) {
         stage.scene.remove(world.group);
-        if (isNewScene) world.structures.dispose();
+        if (!isNewScene) world.group.remove(world.structures.group);
+        disposeAll(world.group);
     }
     const other = model.flights.find((one) => one !== flight);
     const structures = isNewScene ? new Structures(scene) : world.structures;
@@ -139,6 +140,14 @@ function buildWorld(flight) {
     const prefix = (index) => (state.plan === 'both' ? `${'AB'[index]} ` : '');
     setLabels('routes', merged(routes.flatMap((route, index) => route.labels(prefix(index)))));
     setLabels('differing', differenceLabels(differing));
+}
+
+// Frees what the graphics card holds of a group.
+function disposeAll(group) {
+    group.traverse((part) => {
+        part.geometry?.dispose();
+        part.material?.dispose();
+    });
 }
 
 function union(boxes) {

@@ -29,7 +29,10 @@ const STOREY_TOLERANCE: f64 = 1.0 / 3.0;
 
 /// Whether a property says something about heights.
 pub(crate) fn is_key(key: &str) -> bool {
-    HEIGHT_KEYS.contains(&key) || LEVEL_KEYS.contains(&key) || [BASE_KEY, BASE_LEVEL_KEY, ROOF_KEY, ROOF_LEVEL_KEY].contains(&key)
+    HEIGHT_KEYS.contains(&key)
+        || LEVEL_KEYS.contains(&key)
+        || [BASE_KEY, BASE_LEVEL_KEY, ROOF_KEY, ROOF_LEVEL_KEY].contains(&key)
+        || zones::is_reference(key)
 }
 
 /// The vertical extent of a building, heights above ground.

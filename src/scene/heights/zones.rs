@@ -15,6 +15,11 @@ const ZONE_REFERENCES: [(&[&str], &[&str]); 2] = [
     (&["uom", "uomDimensions"], &["M", "m"]),
 ];
 
+/// Whether a property says from where a zone's heights count, or in which unit.
+pub(super) fn is_reference(key: &str) -> bool {
+    ZONE_REFERENCES.iter().any(|(keys, _)| keys.contains(&key))
+}
+
 /// Floor and ceiling of a no-fly zone above the ground below; the ceiling of a zone without a height is [`f64::MAX`]. What is given must be readable
 /// without doubt: the error says what is not, and what to do about it.
 pub(crate) fn zone_heights(

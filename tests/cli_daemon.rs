@@ -141,7 +141,7 @@ fn a_scene_is_loaded_listed_edited_and_replanned() {
     let replan = json(&["edit", "harbour", "raise", &id, "--by", "15", "--out", "replan"]);
     assert_eq!(
         (&replan["revision"], place.files("replan")),
-        (&3.into(), vec!["plan.json".into(), "plan.svg".into(), "run.json".into()])
+        (&3.into(), vec!["plan.html".into(), "plan.json".into(), "plan.svg".into(), "run.json".into()])
     );
     let run: Value = serde_json::from_slice(&place.read("replan/run.json")).unwrap();
     assert!(run["times"]["edit_to_plan_s"].as_f64().unwrap() > 0.0);
@@ -215,7 +215,7 @@ fn a_new_version_of_a_file_is_compared_and_taken_over() {
     assert!(text.contains("1 removed: shed") && text.contains("nothing was changed"), "{text}");
     let made = place.json(&["update", "town", "town-2.geojson", "--out", "after"]);
     assert_eq!((&made["revision"], &made["changes"]), (&3.into(), &told["changes"]));
-    assert_eq!(place.files("after"), ["plan.json", "plan.svg", "run.json"]);
+    assert_eq!(place.files("after"), ["plan.html", "plan.json", "plan.svg", "run.json"]);
     let names: Vec<Value> =
         place.json(&["status", "town"])["structures"].as_array().unwrap().iter().map(|row| row["name"].clone()).collect();
     assert!(names.len() == 4 && names.contains(&"hook".into()), "{names:?}");
@@ -382,9 +382,12 @@ fn the_demo_writes_both_plans_and_leaves_nothing_else() {
         [
             "daemon.log",
             "flight.svg",
+            "plan.html",
             "plan.json",
             "plan.svg",
             "replan-run.json",
+            "replan-vs-plan.html",
+            "replan.html",
             "replan.json",
             "replan.svg",
             "run.json",

@@ -33,6 +33,7 @@ fn help_teaches_with_examples_units_and_exit_codes() {
         "fly",
         "reproduce",
         "evaluate",
+        "view",
         "rigs",
         "completions",
         "man",
@@ -85,11 +86,11 @@ fn a_flight_goes_on_from_an_aircraft_in_the_air() {
 }
 
 #[test]
-fn a_plan_of_a_file_writes_its_three_files() {
+fn a_plan_of_a_file_writes_its_four_files() {
     let place = Place::new();
     let scene = place.scene();
     let answer = place.json(&["plan", &scene, "--method", "paper", "--iterations", "60", "--out", "out"]);
-    assert_eq!(place.files("out"), ["plan.json", "plan.svg", "run.json"]);
+    assert_eq!(place.files("out"), ["plan.html", "plan.json", "plan.svg", "run.json"]);
     assert_eq!((&answer["scene"], &answer["engine"]), (&"town".into(), &"in_process".into()));
     let plan: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
     assert_eq!(plan["format"], "overfly-plan/1");
@@ -471,7 +472,7 @@ fn an_interrupted_plan_is_the_best_so_far_or_none_with_an_exit_code_of_its_own()
     match output.status.code() {
         Some(0) => {
             assert!(stdout(&output).contains("of 9999999 iterations"), "{}", stdout(&output));
-            assert_eq!(place.files("out"), ["plan.json", "plan.svg", "run.json"]);
+            assert_eq!(place.files("out"), ["plan.html", "plan.json", "plan.svg", "run.json"]);
         }
         Some(130) => assert!(!place.path("out").exists() && stderr(&output).contains("interrupted"), "{}", stderr(&output)),
         other => panic!("{other:?}: {}", stderr(&output)),

@@ -5,7 +5,8 @@ import { capturedPercent, clockText, droneAt } from './model.js';
 const SVG = 'http://www.w3.org/2000/svg';
 const ROW = { height: 40, gap: 9, top: 14 };
 const GUTTER = { left: 96, right: 62 };
-const MOST_POINTS = 900;
+// Pieces of time of which no more is drawn than a line can show.
+const PIECES = 700;
 
 function element(name, attributes, ...children) {
     const made = document.createElementNS(SVG, name);
@@ -14,18 +15,21 @@ function element(name, attributes, ...children) {
     return made;
 }
 
-// Values over time, thinned so that of each piece the least and the greatest stay.
+// Values over time, thinned so that of each piece of time the first, the least, the greatest and the last stay.
 function thinned(times, values) {
-    const size = Math.max(1, Math.ceil((2 * times.length) / MOST_POINTS));
-    if (size === 1) return Array.from(times, (time, k) => [time, values[k]]);
+    if (times.length <= 2 * PIECES) return Array.from(times, (time, k) => [time, values[k]]);
     const points = [];
-    for (let from = 0; from < times.length; from += size) {
-        let [low, high] = [from, from];
-        for (let k = from; k < Math.min(from + size, times.length); k += 1) {
-            if (values[k] < values[low]) low = k;
-            if (values[k] > values[high]) high = k;
+    const length = times[times.length - 1] / PIECES;
+    for (let from = 0; from < times.length; ) {
+        const piece = Math.floor(times[from] / length);
+        let [low, high, to] = [from, from, from];
+        for (; to < times.length && Math.floor(times[to] / length) === piece; to += 1) {
+            if (values[to] < values[low]) low = to;
+            if (values[to] > values[high]) high = to;
         }
-        points.push(...[low, high].sort((a, b) => a - b).map((k) => [times[k], values[k]]));
+        const kept = [...new Set([from, low, high, to - 1])].sort((a, b) => a - b);
+        points.push(...kept.map((k) => [times[k], values[k]]));
+        from = to;
     }
     return points;
 }

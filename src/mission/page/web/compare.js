@@ -14,8 +14,9 @@ export function showComparison(flights, onChoose, chosen) {
         return node('tr', {}, node('th', { scope: 'row' }, row.label), node('td', {}, row.text), node('td', {}, other.text), changeCell(row, other));
     });
     rows.push(...surfaceRows(a, b));
-    const head = node('tr', {}, node('th', { scope: 'col' }, node('span', { class: 'hidden' }, 'Figure')), ...[`A`, `B`, 'B to A'].map((title) => node('th', { scope: 'col' }, title)));
-    const names = node('p', { class: 'quiet' }, node('b', {}, 'A '), a.label, node('br'), node('b', {}, 'B '), b.label);
+    const head = node('tr', {}, node('th', { scope: 'col' }, node('span', { class: 'hidden' }, 'Figure')), ...[`A`, `B`, 'A − B'].map((title) => node('th', { scope: 'col' }, title)));
+    const name = (letter, flight) => node('li', {}, node('i', { class: letter }), node('b', {}, letter.toUpperCase()), flight.label);
+    const names = node('ul', { class: 'names quiet' }, name('a', a), name('b', b));
     section.replaceChildren(node('h2', {}, 'Two plans'), names, chooser(onChoose, chosen), node('table', { class: 'compare' }, node('thead', {}, head), node('tbody', {}, ...rows)));
     const differing = sceneDifferences(a.scene, b.scene);
     const words = [['new', differing.added.length], ['gone', differing.removed.length], ['changed', differing.changed.length]].filter(([, count]) => count > 0);
@@ -51,7 +52,7 @@ function surfaceRows(a, b) {
         return flight.coverage.surface.areas.reduce((sum, size, k) => sum + (differences[k] > 0 ? size : 0), 0);
     };
     const text = (size) => `${Math.round(size)} m²`;
-    return [node('tr', {}, node('th', { scope: 'row' }, 'Captured by this one only'), node('td', {}, text(area(a, b))), node('td', {}, text(area(b, a))), node('td', {}, ''))];
+    return [node('tr', {}, node('th', { scope: 'row' }, 'Only this one'), node('td', {}, text(area(a, b))), node('td', {}, text(area(b, a))), node('td', {}, ''))];
 }
 
 // Structures of a scene that another one does not have, or has otherwise; and those that only the other one has.

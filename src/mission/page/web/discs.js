@@ -110,7 +110,7 @@ export class Discs {
     }
 
     paint(colours) {
-        this.material.uniforms.waiting.value.set(...colours.grid.map((value) => value * 0.9));
+        this.material.uniforms.waiting.value.set(...colours.waiting);
     }
 }
 

@@ -13,7 +13,7 @@ export class Frusta {
         this.halves = flight.cameras.map(({ fov_deg: fov }) => fov && fov.map((angle) => Math.tan((angle * Math.PI) / 360)));
         this.current = new THREE.Group();
         this.lines = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
-        this.faces = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.14, side: THREE.DoubleSide, depthWrite: false }));
+        this.faces = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.16 / Math.sqrt(flight.cameras.length), side: THREE.DoubleSide, depthWrite: false }));
         this.current.add(this.faces, this.lines);
         this.all = this.makeAll();
         this.all.visible = false;

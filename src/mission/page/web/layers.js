@@ -67,9 +67,9 @@ export class Layers {
     legend(flight, colours) {
         const entries = {
             off: [],
-            now: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway.map((v, k) => v * [1, 0.86, 0.6][k]), 'seen'], ['thin', colours.grid, 'still to come'], ['dot', COVERAGE.beyond, 'out of reach']],
+            now: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway.map((v, k) => v * [1, 0.86, 0.6][k]), 'seen'], ['thin', colours.waiting, 'still to come'], ['dot', COVERAGE.beyond, 'out of reach']],
             final: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway, 'half enough'], ['ring', COVERAGE.nothing, 'missed'], ['dot', COVERAGE.beyond, 'out of reach']],
-            difference: [['full', COVERAGE.gained, 'only A captures'], ['ring', COVERAGE.lost, 'only B captures'], ['dot', colours.grid, 'the same']],
+            difference: [['full', COVERAGE.gained, 'only A'], ['ring', COVERAGE.lost, 'only B'], ['dot', colours.waiting, 'the same']],
         }[this.state.coverage];
         document.getElementById('coverage-legend').replaceChildren(...entries.map(([form, colour, text]) => {
             const mark = node('i', { class: form });
@@ -77,7 +77,8 @@ export class Layers {
             return node('li', {}, mark, text);
         }));
         const stops = this.state.colour === 'time' ? colours.earlyToLate : colours.slowToFast;
-        document.getElementById('path-ramp').style.background = `linear-gradient(to right, ${stops.map(cssColour).join(', ')})`;
+        document.documentElement.style.setProperty('--path-ramp', `linear-gradient(to right, ${stops.map(cssColour).join(', ')})`);
+        document.documentElement.style.setProperty('--other-path', cssColour(colours.other));
         const [from, to] = this.state.colour === 'time' ? ['start', 'end'] : ['0', `${flight.fastest.toFixed(1)} m/s`];
         document.getElementById('path-ramp-ends').replaceChildren(node('span', {}, from), node('span', {}, to));
     }

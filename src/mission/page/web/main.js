@@ -1,6 +1,6 @@
 // Puts the page together. `window.overfly` is what programs around it use: `show(data)` replaces what is shown, `onPick(callback)` tells what is picked.
 
-import { INSTANT_S, capturedPercent, clockText, countUpTo, droneAt, imagesAt, lengthText, modelOf } from './model.js';
+import { INSTANT_S, capturedPercent, clockText, countUpTo, distanceOf, droneAt, imagesAt, lengthText, modelOf } from './model.js';
 import { chooseTheme, followTheme, palette, themeName } from './theme.js';
 import { Structures, distanceToBox } from './structures.js';
 import { Surroundings, niceLength } from './surroundings.js';
@@ -115,7 +115,8 @@ function buildWorld(flight) {
     const isNewScene = world?.scene !== scene;
     if (world) {
         stage.scene.remove(world.group);
-        if (isNewScene) world.structures.dispose();
+        if (!isNewScene) world.group.remove(world.structures.group);
+        disposeAll(world.group);
     }
     const other = model.flights.find((one) => one !== flight);
     const structures = isNewScene ? new Structures(scene) : world.structures;
@@ -139,12 +140,37 @@ function buildWorld(flight) {
     stage.scene.add(group);
     stage.frame(bounds);
     const prefix = (index) => (state.plan === 'both' ? `${'AB'[index]} ` : '');
-    setLabels('routes', routes.flatMap((route, index) => route.labels(prefix(index))));
+    setLabels('routes', merged(routes.flatMap((route, index) => route.labels(prefix(index)))));
+    setLabels('differing', differenceLabels(differing));
+}
+
+// Frees what the graphics card holds of a group.
+function disposeAll(group) {
+    group.traverse((part) => {
+        part.geometry?.dispose();
+        part.material?.dispose();
+    });
 }
 
 function union(boxes) {
     const pick3 = (key, choose) => [0, 1, 2].map((axis) => choose(...boxes.map((box) => box[key][axis])));
     return { min: pick3('min', Math.min).map((value, axis) => (axis === 2 ? Math.min(value, 0) : value)), max: pick3('max', Math.max) };
+}
+
+// Labels of the same kind at one place become one: "A, B start".
+function merged(list) {
+    return list.reduce((kept, label) => {
+        const same = kept.find((one) => distanceOf(one.at, label.at) < 0.05 * stage.radius && one.text.slice(1) === label.text.slice(1));
+        if (same) same.text = `${same.text[0]}, ${label.text}`;
+        return same ? kept : [...kept, label];
+    }, []);
+}
+
+// Names at the structures that differ from the other plan's scene; where these are many the colours have to do.
+function differenceLabels({ added, changed, removed }) {
+    const named = (structures, word) => structures.map(({ name, min, max }) => ({ at: [(min[0] + max[0]) / 2, (min[1] + max[1]) / 2, max[2]], text: `${name}: ${word}`, kind: 'changed' }));
+    const all = [...named(added, 'new'), ...named(changed, 'changed'), ...named(removed, 'gone')];
+    return all.length <= 12 ? all : [];
 }
 
 function setLabels(owner, list) {

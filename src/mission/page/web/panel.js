@@ -96,5 +96,5 @@ export function showNotes(flight, scene) {
     if (flight.coverage?.by === 'field') notes.push('When a part is captured is estimated from the field; what is captured in the end is exact.');
     const section = document.getElementById('notes');
     section.hidden = notes.length === 0;
-    section.replaceChildren(...notes.map((note) => node('p', { class: 'quiet' }, `Not divided into sorties: ${note}`)));
+    section.replaceChildren(...notes.map((note) => node('p', { class: 'quiet' }, note)));
 }

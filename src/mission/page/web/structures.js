@@ -146,13 +146,6 @@ export class Structures {
         }
         return least;
     }
-
-    dispose() {
-        [this.mesh, this.edges].forEach((part) => {
-            part.geometry.dispose();
-            part.material.dispose();
-        });
-    }
 }
 
 // Colours of vertices are taken as linear light.

@@ -129,6 +129,22 @@ fn a_killed_daemon_is_followed_by_another_that_serves_anew() {
 }
 
 #[test]
+fn clients_of_one_process_may_leave_a_killed_daemon_one_by_one() {
+    let mut served = Served::start();
+    let (one, other) = (served.client(), served.client());
+    served.signal("-KILL");
+    served.ended();
+    // The first one leaves while nobody serves, the other one when somebody does again.
+    drop(one);
+    served.restart();
+    let client = served.client();
+    assert!(matches!(other.status(), Err(ClientError::Restarted { .. })));
+    drop(other);
+    load(&client, "block");
+    assert_eq!(served.client().status().unwrap().scenes.len(), 1);
+}
+
+#[test]
 fn a_killed_daemon_without_clients_leaves_nothing_after_the_next_one() {
     let mut served = Served::start();
     load(&served.client(), "block");

@@ -203,7 +203,9 @@ def try_all(running, address, daemon, scene, trial, clicks):
     wait_for(page, "live.phase === 'idle' && live.revision === '1' && live.epoch !== ''")
     trial.check("not been planned" not in page.locator("#live").inner_text(), "it goes on by itself when the scene is back")
     click_raises(page, daemon, trial, times)
-    trial.check(said == [], f"the browser has nothing to complain about: {said}")
+    # Of the refused edit browsers tell by themselves.
+    others = [text for text in said if "409" not in text]
+    trial.check(others == [], f"the browser has nothing to complain about: {others}")
 
 
 def by_keyboard(page, daemon, trial, name):

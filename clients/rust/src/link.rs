@@ -1,7 +1,9 @@
 //! The ports of one client, and the way of one request: sent, acknowledged, answered, sent again when nothing comes.
 
 use std::cell::Cell;
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::LoanError;
@@ -71,11 +73,19 @@ pub(crate) struct Presence {
     node: Option<IpcNode>,
 }
 
+/// How many nodes this process has in each domain, by the domain's directory. Whoever tidies up does not look at those of its own process, so that only
+/// the last of them may: others would find their files gone, or remove those of the next daemon when they leave.
+static PRESENT: Mutex<BTreeMap<PathBuf, usize>> = Mutex::new(BTreeMap::new());
+
 impl Presence {
     pub(crate) fn enter(domain: &Domain) -> Result<Arc<Self>, ClientError> {
         // iceoryx2 writes to the memory of new nodes and ports by itself, which would kill the process where there is none.
         memory::check_room(PORTS_BYTES)?;
-        Ok(Arc::new(Self { domain: domain.clone(), node: Some(service::node(domain, "overfly-client")?) }))
+        // Nobody may tidy up while a node is being made.
+        let mut present = PRESENT.lock().unwrap_or_else(PoisonError::into_inner);
+        let node = Some(service::node(domain, "overfly-client")?);
+        *present.entry(domain.root().to_owned()).or_default() += 1;
+        Ok(Arc::new(Self { domain: domain.clone(), node }))
     }
 
     pub(crate) fn node(&self) -> &IpcNode {
@@ -85,9 +95,17 @@ impl Presence {
 
 impl Drop for Presence {
     fn drop(&mut self) {
+        let mut present = PRESENT.lock().unwrap_or_else(PoisonError::into_inner);
         self.node = None;
-        if !self.domain.is_locked() {
-            self.domain.sweep_if_deserted();
+        let left = present.get_mut(self.domain.root()).map_or(0, |count| {
+            *count -= 1;
+            *count
+        });
+        if left == 0 {
+            present.remove(self.domain.root());
+            if !self.domain.is_locked() {
+                self.domain.sweep_if_deserted();
+            }
         }
     }
 }

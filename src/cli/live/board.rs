@@ -1,7 +1,5 @@
 //! What all pages are to show: the newest state and nothing before it. A page that is slow, or comes late, misses states but never the last.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use hyper::body::Bytes;
 use serde::Serialize;
 use serde_json::json;
@@ -59,7 +57,6 @@ pub struct View {
 pub struct Board {
     views: watch::Sender<View>,
     status: std::sync::Mutex<Status>,
-    lost: AtomicU64,
 }
 
 impl Board {
@@ -69,13 +66,7 @@ impl Board {
         Self {
             views: watch::Sender::new(View { status: first, shown: Numbered::default() }),
             status: std::sync::Mutex::new(status),
-            lost: AtomicU64::new(0),
         }
-    }
-
-    /// How often the daemon was lost.
-    pub fn lost(&self) -> u64 {
-        self.lost.load(Ordering::Relaxed)
     }
 
     /// A view on the board that is told whenever it changes.
@@ -88,9 +79,6 @@ impl Board {
         let mut status = self.status.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let before = status.clone();
         change(&mut status);
-        if status.phase == Phase::Lost && before.phase != Phase::Lost {
-            self.lost.fetch_add(1, Ordering::Relaxed);
-        }
         if *status != before {
             let event = status_event(&status);
             self.views.send_modify(|view| view.status = Numbered { number: view.status.number + 1, event });

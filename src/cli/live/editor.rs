@@ -63,8 +63,7 @@ struct Desk {
     domain: Domain,
     scene: String,
     board: Arc<Board>,
-    /// With how often the daemon was lost before this connection.
-    client: Option<(u64, Client)>,
+    client: Option<Client>,
     /// By id what stood there, and how it was called.
     removed: HashMap<String, (String, ShapeOrder)>,
 }
@@ -87,13 +86,10 @@ impl Desk {
     }
 
     fn make_once(&mut self, order: &Order) -> Result<Value, ClientError> {
-        let lost = self.board.lost();
-        // A connection to a daemon that was killed may wait for its answer in vain.
-        let known = self.client.take().filter(|(before, _)| *before == lost).map(|(_, client)| client);
-        let client = known.map_or_else(|| Client::connect(&self.domain, CONNECT), Ok)?;
+        let client = self.client.take().map_or_else(|| Client::connect(&self.domain, CONNECT), Ok)?;
         let made = self.make_with(&client, order);
         // After anything but the daemon's own no the connection is not to be trusted.
-        self.client = matches!(made, Ok(_) | Err(ClientError::Refused { .. })).then_some((lost, client));
+        self.client = matches!(made, Ok(_) | Err(ClientError::Refused { .. })).then_some(client);
         made
     }
 

@@ -153,6 +153,11 @@ impl<'a> Annealing<'a> {
         &self.best
     }
 
+    /// The temperature of the last round, ns.
+    pub fn coldest_ns(&self) -> f64 {
+        self.ground.settings.coldest_s * 1e9
+    }
+
     /// Takes note of what the best flight is really worth, and demands from now on what makes up for the difference; the search for the best
     /// flight begins anew from there. At the end no demand falls: what one measure has to spare is soon lost while the other one is mended.
     pub fn calibrate(&mut self, really: &Confirmed, is_end: bool) {

@@ -88,6 +88,10 @@ const CALIBRATIONS: [f64; 3] = [0.5, 0.75, 0.9];
 const EARLY_LOOKS: [f64; 2] = [0.1, 0.25];
 const REPAIRS: u32 = 6;
 const REPAIR_SHARE: f64 = 0.02;
+/// A flight that goes on with an earlier one is mended before it is warmed: what the edit took is mostly had again after a few cold rounds, long before
+/// the annealing is over.
+const MENDS: u32 = 3;
+const MEND_ROUNDS: u32 = 3;
 
 /// Improves a flight round by round. `confirm` tells what a finished flight is really worth; what it captures more or less than was
 /// counted on decides how many samples are demanded.
@@ -108,12 +112,16 @@ pub fn refine(
         Budget::Rounds(rounds) => rounds,
         Budget::Until(_) => u32::MAX,
     };
-    let mut pace = Pace::default();
-    pace.note(0, stop.elapsed_s());
     let mut tell = |record: Iteration, done: u32, rounds: u32| {
         let Iteration { coverage_percent, length_m, objective, .. } = record;
         on_progress(&Progress { iteration: done, iterations: rounds.max(done), coverage_percent, length_m, objective });
     };
+    if is_resumed {
+        let mut mending = Mending { aim, stop, confirm: &mut *confirm, on_round: &mut |record| tell(record, 0, rounds) };
+        mending.mend(&mut annealing, MENDS, |attempt| MEND_ROUNDS * attempt);
+    }
+    let mut pace = Pace::default();
+    pace.note(0, stop.elapsed_s());
     let mut done = 0;
     while done < rounds && !stop.is_stopped() {
         // Never before it is known how many rounds there are.
@@ -147,24 +155,42 @@ pub fn refine(
         annealing.move_to(ground);
     }
     let mut reason = if stop.is_stopped() { StopReason::Cancelled } else { StopReason::IterationsUsed };
-    for repair in 0..=REPAIRS {
-        let really = confirm(&annealing.best().path);
-        if aim.is_met_by(&really) {
-            if matches!(aim, Aim::LeastTime { .. } | Aim::LeastTimeWithin { .. }) {
-                reason = StopReason::GoalReached;
-            }
-            break;
-        }
-        if repair == REPAIRS || stop.is_stopped() {
-            break;
-        }
-        annealing.calibrate(&really, true);
-        for _ in 0..(f64::from(rounds * (repair + 1)) * REPAIR_SHARE).ceil() as u32 {
-            annealing.round(ground.settings.coldest_s * 1e9, stop);
-            tell(annealing.record(), done, rounds);
-        }
+    let mut mending = Mending { aim, stop, confirm: &mut *confirm, on_round: &mut |record| tell(record, done, rounds) };
+    let is_met =
+        mending.mend(&mut annealing, REPAIRS, |attempt| (f64::from(rounds) * f64::from(attempt) * REPAIR_SHARE).ceil() as u32);
+    if is_met && matches!(aim, Aim::LeastTime { .. } | Aim::LeastTimeWithin { .. }) {
+        reason = StopReason::GoalReached;
     }
     Outcome { path: headed(&ground.problem.rig, &annealing.best().path), convergence, stop: reason }
+}
+
+/// Cold rounds for what a flight is short of where it is really looked at.
+struct Mending<'a> {
+    aim: Aim,
+    stop: &'a StopToken,
+    confirm: &'a mut dyn FnMut(&[Pose]) -> Confirmed,
+    on_round: &'a mut dyn FnMut(Iteration),
+}
+
+impl Mending<'_> {
+    /// So many attempts, each of as many rounds as `rounds` says of its number; whether the best flight is what was wanted.
+    fn mend(&mut self, annealing: &mut Annealing, attempts: u32, rounds: impl Fn(u32) -> u32) -> bool {
+        for attempt in 1..=attempts {
+            let really = (self.confirm)(&annealing.best().path);
+            if self.aim.is_met_by(&really) {
+                return true;
+            }
+            if self.stop.is_stopped() {
+                return false;
+            }
+            annealing.calibrate(&really, true);
+            for _ in 0..rounds(attempt) {
+                annealing.round(annealing.coldest_ns(), self.stop);
+                (self.on_round)(annealing.record());
+            }
+        }
+        self.aim.is_met_by(&(self.confirm)(&annealing.best().path))
+    }
 }
 
 /// From the hottest to the coldest, by equal factors; hottest while it is not known how many rounds there will be.

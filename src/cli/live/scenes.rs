@@ -104,7 +104,7 @@ impl Stage {
         let head = json!({ "revision": set.revision, "epoch": epoch, "is_interim": is_interim, "infeasible": infeasible });
         let head = head.to_string();
         // The page's data are JSON already.
-        [head[..head.len() - 1].as_bytes(), b",\"page\":", &page::data(&set.scene, &flights), b"}"].concat()
+        [&head.as_bytes()[..head.len() - 1], b",\"page\":", &page::data(&set.scene, &flights), b"}"].concat()
     }
 }
 

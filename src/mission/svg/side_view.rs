@@ -18,8 +18,9 @@ const MOST_PALE: f64 = 0.75;
 
 /// Draws the whole side view.
 pub fn draw(sheet: &Sheet, field: &FieldTable, terrain: Option<&Terrain>, plan: &Plan, path: &[Instant]) -> Group {
-    let ground = terrain.map_or_else(Group::new, |terrain| relief::from_south(sheet, terrain));
-    pen::group("side-view").add(axes(sheet, field)).add(ground).add(buildings(sheet, field)).add(flight(sheet, plan, path))
+    let ground = terrain.map(|terrain| relief::from_south(sheet, terrain));
+    let group = ground.into_iter().fold(pen::group("side-view").add(axes(sheet, field)), Group::add);
+    group.add(buildings(sheet, field)).add(flight(sheet, plan, path))
 }
 
 fn axes(sheet: &Sheet, field: &FieldTable) -> Group {

@@ -35,16 +35,13 @@ pub fn draw(
     plan: &Plan,
     path: &[Instant],
 ) -> Group {
-    let [ground, heights] = terrain.map_or_else(|| [Group::new(), Group::new()], |terrain| relief::from_above(sheet, terrain));
-    pen::group("top-view")
-        .add(axes(sheet))
-        .add(ground)
+    let (ground, heights) = terrain.map(|terrain| relief::from_above(sheet, terrain).into()).unzip();
+    let with = |group: Group, part: Option<Group>| part.into_iter().fold(group, Group::add);
+    let group = with(pen::group("top-view").add(axes(sheet)), ground)
         .add(buildings(sheet, field, tallies))
         .add(wall_shares(sheet, field, tallies))
-        .add(roof_shares(sheet, field, tallies))
-        .add(heights)
-        .add(beyond_reach(sheet, field, plan))
-        .add(flight(sheet, plan, path))
+        .add(roof_shares(sheet, field, tallies));
+    with(group, heights).add(beyond_reach(sheet, field, plan)).add(flight(sheet, plan, path))
 }
 
 /// The path by time with waypoints, images and both ends.

@@ -72,7 +72,8 @@ mod tests {
     fn a_run_tells_the_settings_of_its_plan() {
         let mut settings = Settings::default().with_sight(2.0);
         settings.surface.samples = 777;
-        settings.coverage.range_m = 50.0;
+        settings.coverage.goal_percent = 91.0;
+        settings.check().unwrap();
         let run = serde_json::json!({ "settings": differing(&settings) });
         assert_eq!(as_in_run(&run, 2.0), settings);
         let built_in = Settings::default().with_sight(2.0);

@@ -158,6 +158,10 @@ def structures_tell_of_themselves_and_places_are_measured(running, folder, made)
     tip = shown.page.inner_text("#tip")
     height = target["top_m"] - target["base_m"]
     assert made["first"] in tip and f"{height:.1f} m tall" in tip and "from the drone" in tip and "% captured" in tip, tip
+    # No structure is nearer to the path than the plan says, and one of them is as near, but for what stands on the ground.
+    nearest = shown.page.evaluate("overfly.nearest()")
+    clearance = made["plan"]["clearance_m"]
+    assert clearance - 0.02 < nearest, (nearest, clearance)
     shown.page.mouse.click(canvas["x"] + spot[0], canvas["y"] + spot[1])
     assert shown.page.evaluate("pickedNow.id") == target["id"] and shown.state()["picked"] == target["id"]
     shown.press("m")

@@ -168,3 +168,29 @@ fn coverage_settings(field: &FieldTable, plan: &Plan) -> CoverageSettings {
     let coverage = Settings::default().with_sight(sight_scale(&plan.cameras)).coverage;
     CoverageSettings { range_m: field.facts.range_m, ..coverage }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four images, each of which covers ten cells that the others do not.
+    fn seen() -> Vec<(f64, Mask)> {
+        (1..=4).map(|k| (f64::from(k), 0x3ff << (10 * k))).collect()
+    }
+
+    #[test]
+    fn what_rows_cover_is_brought_to_what_rays_say() {
+        assert_eq!(times_s(By::Field, &seen(), 80, 39, 9.0), [1.0, 2.0]);
+        assert_eq!(times_s(By::Field, &seen(), 40, 39, 9.0), [1.0, 4.0]);
+        assert_eq!(times_s(By::Field, &seen(), 20, 39, 9.0), [1.0, NEVER_S]);
+        assert_eq!(times_s(By::Field, &[], 40, 39, 9.0), [9.0, 9.0], "rows know nothing of it");
+        assert_eq!(times_s(By::Field, &seen(), 0, 39, 9.0), [NEVER_S, NEVER_S]);
+    }
+
+    #[test]
+    fn what_was_covered_before_the_flight_counts_from_its_beginning() {
+        assert_eq!(times_s(By::Rays, &seen(), 40, 29, 9.0), [1.0, 3.0]);
+        assert_eq!(times_s(By::Rays, &seen(), 50, 29, 9.0), [0.0, 2.0]);
+        assert_eq!(times_s(By::Rays, &seen(), 70, 29, 9.0), [0.0, 0.0]);
+    }
+}

@@ -232,6 +232,9 @@ fn the_path_is_that_of_the_profile_and_sorties_follow_each_other() {
         assert_eq!(pair[0]["last_waypoint"], pair[1]["first_waypoint"]);
         assert_eq!(pair[0]["end_s"], pair[1]["start_s"]);
     }
+    assert_eq!(sorties[0]["start_s"], 0.0);
+    let second = sorties[1]["first_waypoint"].as_u64().unwrap() as usize;
+    assert_eq!(sorties[1]["start_s"].as_f64(), Some(profile.time_at_s(second, 0.0)));
     let end_s = sorties.last().unwrap()["end_s"].as_f64().unwrap();
     assert!((end_s - profile.duration_s()).abs() < 1e-9);
 }

@@ -1,6 +1,6 @@
 // Puts the page together. `window.overfly` is what programs around it use: `show(data)` replaces what is shown, `onPick(callback)` tells what is picked.
 
-import { INSTANT_S, capturedPercent, clockText, countUpTo, distanceOf, droneAt, imagesAt, lengthText, modelOf } from './model.js';
+import { INSTANT_S, capturedPercent, clockText, countUpTo, distanceOf, droneAt, imagesAt, lengthText, modelOf, stepsAlong } from './model.js';
 import { chooseTheme, followTheme, palette, themeName } from './theme.js';
 import { Structures, distanceToBox } from './structures.js';
 import { Surroundings, niceLength } from './surroundings.js';
@@ -20,13 +20,15 @@ const byId = (id) => document.getElementById(id);
 const state = { coverage: 'final', colour: 'speed', frusta: 'current', waypoints: false, zones: true, ceiling: false, edges: true, plan: 0 };
 const labels = new Map();
 const pickers = [];
+// Between places of a path at which its distance from something is taken, m.
+const PATH_STEP_M = 2;
 let model = null;
 let stage = null;
 let pointer = null;
 let world = null;
 let picked = null;
 
-window.overfly = { show, onPick: (callback) => pickers.push(callback), state: told, look: (view) => stage?.look(view), view: () => stage?.view(), stage: () => stage, at: (x, y) => pointer?.at(x, y) };
+window.overfly = { show, onPick: (callback) => pickers.push(callback), state: told, look: (view) => stage?.look(view), view: () => stage?.view(), stage: () => stage, at: (x, y) => pointer?.at(x, y), nearest };
 
 const charts = new Charts(byId('charts'), (time) => timeline.go(time));
 const timeline = new Timeline({ slider: byId('slider'), button: byId('play'), rate: byId('rate'), clock: byId('clock'), status: byId('where') }, follow);
@@ -246,19 +248,26 @@ function describe(structure) {
     return lines;
 }
 
-// The nearest the path comes to a structure, by its samples. What has been found out is kept.
+// The nearest the path comes to a structure, to a decimetre. What has been found out is kept.
 function pathDistance(structure) {
     const { flight, structures } = world;
     flight.distances ??= new Map();
     if (!flight.distances.has(structure.id)) {
-        const { count, positions } = flight.path;
-        const places = Array.from({ length: count }, (_, k) => Array.from(positions.subarray(3 * k, 3 * k + 3)));
-        const near = places.map((place) => [distanceToBox(place, structure), place]).sort((a, b) => a[0] - b[0]);
+        flight.steps ??= stepsAlong(flight, PATH_STEP_M);
+        const near = flight.steps.map((place) => [distanceToBox(place, structure), place]).sort((a, b) => a[0] - b[0]);
         let least = Infinity;
-        for (const [atLeast, place] of near.slice(0, 60)) if (atLeast < least) least = Math.min(least, structures.distanceTo(structure, place));
+        for (const [atLeast, place] of near) {
+            if (atLeast >= least) break;
+            least = Math.min(least, structures.distanceTo(structure, place));
+        }
         flight.distances.set(structure.id, least);
     }
     return flight.distances.get(structure.id);
+}
+
+// The least distance of the path to any structure, m.
+function nearest() {
+    return Math.min(...world.scene.structures.filter(({ kind }) => kind !== 'terrain').map(pathDistance));
 }
 
 function pick(structure, point) {

@@ -164,6 +164,18 @@ export function droneAt({ path }, time) {
     };
 }
 
+// Places along the path that are no farther apart than a step, m.
+export function stepsAlong({ path: { count, positions } }, step) {
+    const place = (k) => Array.from(positions.subarray(3 * k, 3 * k + 3));
+    const places = count > 0 ? [place(0)] : [];
+    for (let k = 0; k + 1 < count; k += 1) {
+        const [from, to] = [place(k), place(k + 1)];
+        const parts = Math.ceil(distanceOf(from, to) / step);
+        for (let part = 1; part <= parts; part += 1) places.push(from.map((value, axis) => value + ((to[axis] - value) * part) / parts));
+    }
+    return places;
+}
+
 // The images of the last release of the shutter until a time; none before the first.
 export function imagesAt({ images }, time) {
     const taken = countUpTo(images.times, time + INSTANT_S);

@@ -91,6 +91,11 @@ def wait_for(page, condition):
         sys.exit(f"WRONG: {condition} does not come: {live(page)}\n{page.locator('#live').inner_text()}")
 
 
+def idle(page):
+    """Until the search of the edit before is over."""
+    wait_for(page, "live.phase === 'idle'")
+
+
 def place_of(page, name):
     """Where on the canvas a click meets a structure, found as a person does: by looking; None where it is hidden."""
     canvas = page.locator("#canvas").bounding_box()
@@ -112,6 +117,7 @@ def click_raises(page, daemon, trial, times):
     trial.check(bool(picked), f"a click picks a building: {picked}")
     heights = {one["name"]: one["top_m"] for one in daemon.structures()}
     page.locator("#live-by").fill("15")
+    idle(page)
     page.get_by_role("button", name="Raise").click()
     wait_for(page, "live.edit === 'shown'")
     state = live(page)
@@ -221,6 +227,8 @@ def by_keyboard(page, daemon, trial, name):
     wait_for(page, f"Number(live.revision) >= {revision + 1} && live.edit === 'shown'")
     trial.check(len(daemon.structures()) == count - 1, f"{name} is removed")
     page.get_by_role("button", name=f"Put {name} back").focus()
+    # Meanwhile the daemon goes from state to state.
+    idle(page)
     page.keyboard.press("Enter")
     wait_for(page, f"Number(live.revision) >= {revision + 2} && live.edit === 'shown'")
     trial.check(len(daemon.structures()) == count, f"{name} is back")

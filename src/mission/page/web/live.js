@@ -68,6 +68,7 @@
         picked: null, // id
         by: 15, // m
         newest: null, // not drawn yet
+        isDrawing: false,
         shown: { revision: 0, at: 0 },
         edit: null, // whose path has not come yet
         coverage: null, // how it was looked at before a path came without
@@ -84,6 +85,10 @@
     }
 
     function tellRemoved() {
+        // A button that has the focus stays while its building does.
+        const ids = state.status.removed.map(({ id }) => id).join();
+        if (removed.dataset.ids === ids) return;
+        removed.dataset.ids = ids;
         removed.replaceChildren(...state.status.removed.map(({ id, name }) => {
             const back = button('Put back', () => edit({ edit: 'restore', structure: id }, `${name} is put back`));
             back.setAttribute('aria-label', `Put ${name} back`);
@@ -207,9 +212,21 @@
             state.shown = { revision: newest.revision, at: performance.now() };
             Object.assign(room.dataset, { revision: newest.revision, epoch: newest.epoch ?? '', interim: newest.is_interim });
             settle();
+            state.isDrawing = state.newest !== null;
+            if (state.isDrawing) begin();
         };
         if (document.hidden) drawn();
         else requestAnimationFrame(() => setTimeout(drawn));
+    }
+
+    // What cannot be shown does not hold up what comes after it.
+    function begin() {
+        try {
+            show();
+        } catch (error) {
+            state.isDrawing = false;
+            throw error;
+        }
     }
 
     function dangerOf({ infeasible, page }) {
@@ -236,10 +253,11 @@
         tellRemoved();
     });
     events.addEventListener('show', (event) => {
-        // When plans come faster than they are drawn, only the newest is.
-        const isDue = state.newest === null;
+        // When plans come faster than they are drawn, only the newest is; but one that has been begun is drawn.
         state.newest = JSON.parse(event.data);
-        if (isDue) setTimeout(show);
+        if (state.isDrawing) return;
+        state.isDrawing = true;
+        setTimeout(begin);
     });
     window.overfly.onPick((structure) => {
         state.picked = structure?.id ?? null;

@@ -29,7 +29,8 @@ pub fn start(domain: Domain, scene: String, board: Arc<Board>) -> std::io::Resul
         loop {
             let Err(parting) = attend(&domain, &scene, &board);
             let (phase, remark) = match parting {
-                Parting::Lost(remark) => (Phase::Lost, remark),
+                // Whatever it was that failed, a page is to say what it means.
+                Parting::Lost(cause) => (Phase::Lost, format!("the contact to the daemon is lost: {cause}")),
                 Parting::Unloaded(remark) => (Phase::Unloaded, remark),
             };
             board.tell(|status| (status.phase, status.remark) = (phase, Some(remark)));

@@ -2,9 +2,11 @@
 
 mod support;
 
+use std::cell::Cell;
+
 use geo::polygon;
 use overfly::camera::{Pose, Rig};
-use overfly::planner::{Made, Method, PlanOptions, StopToken, plan, replan};
+use overfly::planner::{Made, Method, PlanOptions, Progress, StopToken, plan, replan};
 use overfly::scene::edit::Edit;
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
@@ -165,6 +167,44 @@ fn no_flight_is_worse_than_one_that_came_before() {
         }
     }
     assert!(were_enough > 12, "{were_enough}");
+}
+
+/// Rounds in which a flight is mended, at most, and in how many of the annealing nothing is handed out yet.
+const MENDING_ROUNDS: u32 = 18;
+
+#[test]
+fn what_an_edit_takes_is_had_again_before_the_flight_is_annealed() {
+    let settings = small_settings();
+    let rig = Rig::preset("panoramic").unwrap();
+    let (mut were_short, mut were_mended) = (0, 0);
+    for seed in 0..12 {
+        let mut edited: Session = session(small_block(seed), &settings);
+        let before = snapshot(&edited);
+        let with_goals =
+            |rounds: u32| PlanOptions { goal_percent: Some(85.0), matched_percent: Some(80.0), ..options(&rig, rounds) };
+        let first = plan(&before, &settings, &with_goals(60), &StopToken::default(), &mut |_| {}).unwrap();
+        edited.apply(&pillar_on(&first, 0)).expect("there is room for a pillar");
+        let after = snapshot_after(&edited, &before);
+        let (stop, rounds) = (StopToken::default(), Cell::new(0));
+        let mut enough_after = Vec::new();
+        let again = PlanOptions { earlier: Some(poses(&first)), ..with_goals(1000) };
+        let on_progress = &mut |_: &Progress| {
+            rounds.set(rounds.get() + 1);
+            if rounds.get() > MENDING_ROUNDS {
+                stop.stop();
+            }
+        };
+        let on_interim = &mut |Made { plan, .. }: Made| {
+            let is_enough = plan.metrics.coverage_percent > 85.0 && plan.metrics.matched_percent > 80.0;
+            enough_after.push((rounds.get(), is_enough));
+        };
+        replan(&after, &settings, &again, None, &stop, on_progress, on_interim).unwrap();
+        if enough_after.first().is_some_and(|&(_, is_enough)| !is_enough) {
+            were_short += 1;
+            were_mended += u32::from(enough_after.iter().any(|&(rounds, is_enough)| is_enough && rounds <= MENDING_ROUNDS));
+        }
+    }
+    assert!(were_short >= 3 && were_mended * 3 >= were_short * 2, "{were_mended} of {were_short}");
 }
 
 #[test]

@@ -49,6 +49,10 @@ impl<'i> Interim<'i> {
     /// What a path is worth, which is handed out if it is better than all before.
     pub fn confirmed(&mut self, path: &[Pose]) -> Confirmed {
         let order = self.order;
+        if let Some(Best { standing, .. }) = self.best.as_ref().filter(|best| best.path == path) {
+            // Known since it was handed out.
+            return Confirmed { worth: standing.worth, duration_s: standing.duration_s - order.before_s() };
+        }
         match order.on_the_way(&headed(&order.problem.rig, path), StopReason::Improved, None) {
             Ok(made) => {
                 let Standing { worth, duration_s, .. } = self.standing(&made);

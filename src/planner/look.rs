@@ -7,8 +7,8 @@ use crate::settings::Settings;
 use crate::trajectory::evaluate::{self, Sightings};
 use crate::trajectory::plan::Plan;
 
-/// The plan with what a file does not hold, its covered cells and what its rig can cover at all, and who sees what. `options` say what was wanted: the region,
-/// the sampling distance and the rig.
+/// The plan with what a file does not hold, its covered cells and what its rig can cover at all, and who sees what. `options` say what was wanted:
+/// the region, the sampling distance and the rig.
 pub fn look(
     snapshot: &Snapshot,
     settings: &Settings,

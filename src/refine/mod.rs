@@ -81,8 +81,8 @@ const LATER_SHARE: f64 = 0.8;
 /// Share of the time that is left for the last repairs.
 const RESERVE: f64 = 0.05;
 
-/// How often it is looked at what the flight really captures: after shares of the rounds, as far as all samples count in them, then at the end, as long as samples are missing and
-/// with more rounds each time: such a share of all, then twice as many, and so on.
+/// How often it is looked at what the flight really captures: after shares of the rounds, as far as all samples count in them, then at the end, as long
+/// as samples are missing and with more rounds each time: such a share of all, then twice as many, and so on.
 const CALIBRATIONS: [f64; 3] = [0.5, 0.75, 0.9];
 /// A flight that goes on with an earlier one is looked at sooner, for whoever flies that one.
 const EARLY_LOOKS: [f64; 2] = [0.1, 0.25];
@@ -118,7 +118,7 @@ pub fn refine(
     };
     if is_resumed {
         let mut mending = Mending { aim, stop, confirm: &mut *confirm, on_round: &mut |record| tell(record, 0, rounds) };
-        mending.mend(&mut annealing, MENDS, |attempt| MEND_ROUNDS * attempt);
+        mending.mend(&mut annealing, MENDS, |attempt| (MEND_ROUNDS * attempt).min(rounds));
     }
     let mut pace = Pace::default();
     pace.note(0, stop.elapsed_s());
@@ -176,6 +176,10 @@ impl Mending<'_> {
     /// So many attempts, each of as many rounds as `rounds` says of its number; whether the best flight is what was wanted.
     fn mend(&mut self, annealing: &mut Annealing, attempts: u32, rounds: impl Fn(u32) -> u32) -> bool {
         for attempt in 1..=attempts {
+            if self.stop.is_abandoned() {
+                // Nobody looks at it any more: not even at what it is worth.
+                return false;
+            }
             let really = (self.confirm)(&annealing.best().path);
             if self.aim.is_met_by(&really) {
                 return true;
@@ -186,7 +190,13 @@ impl Mending<'_> {
             annealing.calibrate(&really, true);
             for _ in 0..rounds(attempt) {
                 annealing.round(annealing.coldest_ns(), self.stop);
+                if self.stop.is_abandoned() {
+                    return false;
+                }
                 (self.on_round)(annealing.record());
+                if self.stop.is_stopped() {
+                    break;
+                }
             }
         }
         self.aim.is_met_by(&(self.confirm)(&annealing.best().path))

@@ -23,10 +23,6 @@ use crate::cli::values::{self, Degrees2, Meters3, Outline};
 pub struct PlanArgs {
     /// Scene file, or the name of a loaded scene
     pub scene: String,
-    /// Only for a GeoTIFF surface model (DSM): the model of its ground (DTM), a GeoTIFF too [default: the file beside it with `dtm` for `dsm` in its name,
-    /// else a guess]
-    #[arg(long, value_name = "FILE")]
-    pub dtm: Option<PathBuf>,
     #[command(flatten)]
     pub order: OrderArgs,
     #[command(flatten)]
@@ -99,8 +95,8 @@ pub struct OrderArgs {
     /// [default: the setting search.iterations, 400]
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = values::count)]
     pub iterations: Option<u32>,
-    /// For `refined`, in place of iterations: about how long the search may take, s. The answer tells how many rounds these were
-    /// (`iterations`); the same number gives the same plan again
+    /// For `refined`, in place of iterations: about how long the search may take, s, beyond the fewest rounds that make a flight. The answer tells how
+    /// many rounds these were (`iterations`); the same number gives the same plan again
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, conflicts_with = "iterations", value_parser = values::seconds)]
     pub budget: Option<f64>,
     /// Coverage goal, percent of what the rig can capture at all [default: the setting coverage.goal_percent, 95]

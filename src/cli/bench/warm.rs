@@ -29,8 +29,9 @@ const ABOVE_M: f64 = 1.0;
 /// Rounds of the refinement, before the first edit and after each.
 const ROUNDS: u32 = 120;
 
-/// A search is cancelled after this long, s, and a little later each time.
-const CANCELLED_AFTER: Duration = Duration::from_millis(150);
+/// Searches are cancelled after times that follow one another in such steps, up to the longest, ms: while they begin, mend and anneal.
+const CANCELLED_STEP_MS: u64 = 37;
+const CANCELLED_MOST_MS: u64 = 300;
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let (rig, settings) = given(arguments)?;
@@ -58,7 +59,8 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
         let warm = planner::replan(&next, &settings, &again, Some(made.record), &stop, on_progress, on_interim)?;
         whole_s.push(started.elapsed().as_secs_f64());
         offered.push(Offer::new(&started, &done, warm.plan.clone()));
-        // Each beside a cold plan of as much search as there was in it by then.
+        // Each beside a cold plan of as much search as there was in it by then. An edit after which none is as good counts as endless.
+        let mut last_share = f64::NAN;
         let as_good = offered.iter().find_map(|Offer { at_s, rounds, plan }| {
             let begun = Instant::now();
             let anew = PlanOptions { iterations: Some(searched.saturating_add(*rounds).min(MOST_ITERATIONS)), ..options.clone() };
@@ -67,19 +69,19 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
                 Err(error) => return Some(Err(error)),
             };
             cold_s.push(begun.elapsed().as_secs_f64());
-            is_as_good(plan, &cold).then(|| Ok((*at_s, plan.metrics.profile_s / cold.metrics.profile_s)))
+            last_share = plan.metrics.profile_s / cold.metrics.profile_s;
+            is_as_good(plan, &cold).then_some(Ok((*at_s, last_share)))
         });
-        match as_good.transpose()? {
-            Some((at_s, share)) => {
-                as_good_s.push(at_s);
-                ratio.push(share);
-            }
-            None => never += 1,
-        }
+        let (at_s, share) = as_good.transpose()?.unwrap_or((f64::INFINITY, last_share));
+        never += u32::from(at_s.is_infinite());
+        as_good_s.push(at_s);
+        ratio.push(share);
         searched = searched.saturating_add(done.get());
         (snapshot, made) = (next, warm);
     }
-    let cancelled_ms = cancelled_ms(arguments, &snapshot, &settings, &options)?;
+    // Searches from nothing and those that go on with a flight, in turns.
+    let resumed = PlanOptions { earlier: Some(made.plan.poses()), ..options.clone() };
+    let cancelled_ms = cancelled_ms(arguments, &snapshot, &settings, [&options, &resumed])?;
     drop(meter);
     let mut facts = field::facts(&snapshot.field(), arguments.repeat);
     facts.extend([("rig", json!(options.rig.name)), ("rounds after each edit", json!(rounds)), ("never as good", json!(never))]);
@@ -136,18 +138,18 @@ fn cancelled_ms(
     arguments: &BenchArgs,
     snapshot: &Snapshot,
     settings: &Settings,
-    options: &PlanOptions,
+    searches: [&PlanOptions; 2],
 ) -> Result<Vec<f64>, Failure> {
-    let endless = PlanOptions { iterations: Some(MOST_ITERATIONS), ..options.clone() };
+    let endless = searches.map(|options| PlanOptions { iterations: Some(MOST_ITERATIONS), ..options.clone() });
     let mut ended_ms = Vec::new();
-    for number in 0..arguments.repeat {
+    for (number, endless) in (1..).zip(endless.iter().cycle()).take(2 * arguments.repeat as usize) {
         let stop = StopToken::default();
         let ended = std::thread::scope(|scope| {
             let search = scope.spawn(|| {
                 let plan = planner::plan(snapshot, settings, &endless, &stop, &mut |_| {});
                 (plan.is_err(), Instant::now())
             });
-            std::thread::sleep(CANCELLED_AFTER + Duration::from_millis(37) * number);
+            std::thread::sleep(Duration::from_millis(number * CANCELLED_STEP_MS % CANCELLED_MOST_MS));
             let asked = Instant::now();
             stop.abandon();
             search.join().map(|(is_given_up, ended)| ended.checked_duration_since(asked).filter(|_| is_given_up))

@@ -85,6 +85,11 @@ impl Board {
         }
     }
 
+    /// What can be put back.
+    pub fn removed(&self) -> Vec<Removed> {
+        self.status.lock().unwrap_or_else(std::sync::PoisonError::into_inner).removed.clone()
+    }
+
     /// Puts up what pages are to show: JSON without line breaks.
     pub fn show(&self, state: &[u8]) {
         let event = event("show", state);
@@ -93,10 +98,10 @@ impl Board {
 }
 
 impl View {
-    /// What a page has not been sent that has been sent the messages of these numbers.
+    /// What a page has not been sent that has been sent the messages of these numbers: a plan before the word that the search is over.
     pub fn newer_than(&self, status: u64, shown: u64) -> impl Iterator<Item = Bytes> + use<> {
         let newer = |numbered: &Numbered, seen: u64| (numbered.number > seen).then(|| numbered.event.clone());
-        [newer(&self.status, status), newer(&self.shown, shown)].into_iter().flatten()
+        [newer(&self.shown, shown), newer(&self.status, status)].into_iter().flatten()
     }
 }
 
@@ -127,8 +132,8 @@ mod tests {
         let view = board.look().borrow().clone();
         let late = texts(&view, 0, 0);
         assert_eq!(late.len(), 2, "{late:?}");
-        assert!(late[0].starts_with("event: status\ndata: {") && late[0].contains("\"planning\""), "{late:?}");
-        assert_eq!(late[1], "event: show\ndata: {\"revision\":2}\n\n");
+        assert_eq!(late[0], "event: show\ndata: {\"revision\":2}\n\n");
+        assert!(late[1].starts_with("event: status\ndata: {") && late[1].contains("\"planning\""), "{late:?}");
         assert!(texts(&view, view.status.number, view.shown.number).is_empty());
         assert_eq!(texts(&view, view.status.number, view.shown.number - 1).len(), 1);
     }

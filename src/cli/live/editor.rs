@@ -94,19 +94,26 @@ impl Desk {
     }
 
     fn make_with(&mut self, client: &Client, order: &Order) -> Result<Value, ClientError> {
-        let edited = match (order, order.plain()) {
-            (Order::Remove { structure }, _) => return self.remove(client, structure),
-            (_, Some(plain)) => client.edit(&self.scene, &plain)?,
-            (Order::Restore { structure }, None) | (Order::Raise { structure, .. } | Order::Lower { structure, .. }, None) => {
-                self.restore(client, structure)?
-            }
+        self.forget();
+        let edit = match order.clone() {
+            Order::Raise { structure, by_m } => EditOrder::Raise { structure, by_m },
+            Order::Lower { structure, by_m } => EditOrder::Lower { structure, by_m },
+            Order::Remove { structure } => return self.remove(client, structure),
+            Order::Restore { structure } => return self.restore(client, &structure),
         };
-        Ok(answer(&edited, false))
+        Ok(answer(&client.edit(&self.scene, &edit)?, false))
     }
 
-    fn remove(&mut self, client: &Client, structure: &str) -> Result<Value, ClientError> {
-        let before = standing(client, &self.scene, structure)?;
-        let edited = client.edit(&self.scene, &EditOrder::Remove { structure: structure.to_owned() })?;
+    /// The board lists no longer what stood in a scene that is gone.
+    fn forget(&mut self) {
+        let listed = self.board.removed();
+        self.removed.retain(|id, _| listed.iter().any(|removed| removed.id == *id));
+    }
+
+    fn remove(&mut self, client: &Client, structure: String) -> Result<Value, ClientError> {
+        // Whoever cannot be told how to put it back may remove it all the same.
+        let before = standing(client, &self.scene, &structure).ok().flatten();
+        let edited = client.edit(&self.scene, &EditOrder::Remove { structure })?;
         let is_kept = before.is_some() && self.removed.len() < MOST_REMOVED;
         if let Some((id, name, shape)) = before.filter(|_| is_kept) {
             self.removed.insert(id, (name, shape));
@@ -115,7 +122,7 @@ impl Desk {
         Ok(answer(&edited, is_kept))
     }
 
-    fn restore(&mut self, client: &Client, structure: &str) -> Result<Edited, ClientError> {
+    fn restore(&mut self, client: &Client, structure: &str) -> Result<Value, ClientError> {
         let Some((name, shape)) = self.removed.get(structure).cloned() else {
             let message =
                 format!("{structure:?} was not removed from here, or cannot be put back; `overfly edit {} add` can", self.scene);
@@ -124,7 +131,7 @@ impl Desk {
         let edited = client.edit(&self.scene, &EditOrder::Add { name, shape })?;
         self.removed.remove(structure);
         self.tell_removed();
-        Ok(edited)
+        Ok(answer(&edited, false))
     }
 
     fn tell_removed(&self) {

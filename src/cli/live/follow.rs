@@ -1,7 +1,7 @@
 //! From the daemon to the board: each plan with its scene, and what goes on meanwhile. When the daemon is lost it is looked for until it is back.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use overfly_client::{
     Client, ClientError, Domain, PlanMessage, PlanWatch, RefusalCode, SceneState, SceneStatus, Status, StatusFeed,
@@ -16,6 +16,8 @@ const CONNECT: Duration = Duration::from_millis(300);
 const LOOK_AGAIN: Duration = Duration::from_millis(250);
 /// Without a plan it is looked so often what else is new.
 const NEWS: Duration = Duration::from_millis(100);
+/// When so long no other plan has come, it is worked out what the last one captures.
+const QUIET: Duration = Duration::from_millis(300);
 
 /// Why the daemon is not followed any more.
 enum Parting {
@@ -26,8 +28,9 @@ enum Parting {
 /// Follows a scene on a thread of its own until the program ends.
 pub fn start(domain: Domain, scene: String, board: Arc<Board>) -> std::io::Result<()> {
     let follow = move || {
+        let mut known = None;
         loop {
-            let Err(parting) = attend(&domain, &scene, &board);
+            let Err(parting) = attend(&domain, &scene, &board, &mut known);
             let (phase, remark) = match parting {
                 // Whatever it was that failed, a page is to say what it means.
                 Parting::Lost(cause) => (Phase::Lost, format!("the contact to the daemon is lost: {cause}")),
@@ -40,19 +43,20 @@ pub fn start(domain: Domain, scene: String, board: Arc<Board>) -> std::io::Resul
     std::thread::Builder::new().name("plans".into()).spawn(follow).map(drop)
 }
 
-fn attend(domain: &Domain, scene: &str, board: &Board) -> Result<std::convert::Infallible, Parting> {
+fn attend(domain: &Domain, scene: &str, board: &Board, known: &mut Option<u64>) -> Result<std::convert::Infallible, Parting> {
     let client = Client::connect(domain, CONNECT)?;
     let watch = client.watch(scene)?;
     let feed = client.status_feed()?;
-    let mut follower = Follower { client: &client, scene, board, stage: Stage::default(), instance: None };
+    let mut follower = Follower { client: &client, scene, board, stage: Stage::default(), known, owed: None, unshown: None };
     // The plan that was published before anybody looked.
     match client.publish_again(scene) {
         Ok(_) => {}
         Err(ClientError::Refused { code: RefusalCode::UnknownScene, .. }) => follower.show_scene()?,
         Err(error) => return Err(error.into()),
     }
+    let mut instance = None;
     loop {
-        follower.step(&watch, &feed)?;
+        follower.step(&watch, &feed, &mut instance)?;
     }
 }
 
@@ -61,60 +65,91 @@ struct Follower<'a> {
     scene: &'a str,
     board: &'a Board,
     stage: Stage,
-    instance: Option<u64>,
+    /// The daemon that what was removed belongs to.
+    known: &'a mut Option<u64>,
+    /// A plan of which only the path is shown so far, and since when.
+    owed: Option<(PlanMessage, Instant)>,
+    /// Why the last plan is not shown.
+    unshown: Option<String>,
 }
 
 impl Follower<'_> {
-    fn step(&mut self, watch: &PlanWatch, feed: &StatusFeed) -> Result<(), Parting> {
-        if let Some(message) = watch.next(NEWS)? {
-            self.show_plan(message)?;
-        }
+    fn step(&mut self, watch: &PlanWatch, feed: &StatusFeed, instance: &mut Option<u64>) -> Result<(), Parting> {
+        let (mut plan, mut newest) = (watch.next(NEWS)?, None);
         while let Some(status) = feed.next(Duration::ZERO)? {
+            newest = Some(status);
+        }
+        // What was published before that status is shown before it.
+        while let Some(message) = plan {
+            self.show_plan(message)?;
+            plan = watch.next(Duration::ZERO)?;
+        }
+        if let Some(status) = newest {
+            if *instance.get_or_insert(status.instance) != status.instance {
+                return Err(Parting::Lost("the daemon was started anew".into()));
+            }
             self.take(&status)?;
+        }
+        if let Some((message, _)) = self.owed.take_if(|(_, since)| since.elapsed() >= QUIET) {
+            self.show(&message, Detail::Everything)?;
         }
         Ok(())
     }
 
+    /// After an edit paths go out alone, for as long as one follows the other; what the last of them captures takes a page and this machine longer.
     fn show_plan(&mut self, message: PlanMessage) -> Result<(), Parting> {
-        let map = self.client.field(self.scene)?;
-        let field = map.table();
-        // A plan of an earlier scene is not to be flown any more, and the next one is on its way.
-        if field.facts.revision != message.table().facts.revision {
-            return Ok(());
-        }
-        // After an edit the path goes out first.
-        let is_next = self.stage.revision() != Some(field.facts.revision);
-        let details = [Detail::Path, Detail::Everything];
-        for detail in details.into_iter().skip(usize::from(!is_next)) {
-            match self.stage.plan((map.instance(), map.epoch()), &field, &message, detail) {
-                Ok(state) => self.board.show(&state),
-                Err(error) => self.board.tell(|status| status.remark = Some(format!("a plan cannot be shown: {error}"))),
-            }
+        let before = self.stage.field();
+        let is_next = self.show(&message, Detail::Path)? && self.stage.field() != before;
+        if is_next || self.owed.is_some() {
+            self.owed = Some((message, Instant::now()));
+        } else {
+            self.show(&message, Detail::Everything)?;
         }
         Ok(())
+    }
+
+    /// Whether the plan is one of the scene as it is. One of an earlier scene is not to be flown any more, and the next one is on its way.
+    fn show(&mut self, message: &PlanMessage, detail: Detail) -> Result<bool, Parting> {
+        let map = self.client.field(self.scene)?;
+        let field = map.table();
+        if field.facts.revision != message.table().facts.revision {
+            return Ok(false);
+        }
+        let shown = self.stage.plan((map.instance(), map.epoch()), &field, message, detail);
+        self.unshown = shown.as_ref().err().map(|error| format!("a plan cannot be shown: {error}"));
+        if let Ok(state) = shown {
+            self.board.show(&state);
+        }
+        Ok(true)
     }
 
     /// The scene alone, where there is no plan of it.
     fn show_scene(&mut self) -> Result<(), Parting> {
         let map = self.client.field(self.scene)?;
-        let state = self.stage.scene((map.instance(), map.epoch()), &map.table(), self.scene);
-        self.board.show(&state);
+        let number = (map.instance(), map.epoch());
+        if self.stage.field() != Some(number) {
+            let state = self.stage.scene(number, &map.table(), self.scene);
+            self.board.show(&state);
+        }
         Ok(())
     }
 
     fn take(&mut self, status: &Status) -> Result<(), Parting> {
-        if *self.instance.get_or_insert(status.instance) != status.instance {
-            return Err(Parting::Lost("the daemon was started anew".into()));
-        }
         let scene = status.scenes.iter().find(|scene| scene.name == self.scene);
         let scene = scene.ok_or_else(|| Parting::Unloaded(format!("the scene {:?} is not loaded", self.scene)))?;
-        if scene.plan.is_none() && scene.state == SceneState::Idle && self.stage.revision() != Some(scene.revision) {
+        // A plan that was not made again after an edit is none of the scene as it is now.
+        if scene.state == SceneState::Idle && scene.plan.as_ref().is_none_or(|plan| plan.is_stale) {
             self.show_scene()?;
         }
+        let is_other = self.known.replace(status.instance) != Some(status.instance);
         self.board.tell(|status| {
+            // What stood in a scene that was loaded anew is nothing to be put back.
+            if is_other || status.revision.is_some_and(|before| scene.revision < before) {
+                status.removed.clear();
+            }
             status.phase = phase(scene);
             status.revision = Some(scene.revision);
-            status.remark = scene.remark.clone();
+            status.remark = self.unshown.clone().or_else(|| scene.remark.clone());
         });
         Ok(())
     }
@@ -131,7 +166,7 @@ fn phase(scene: &SceneStatus) -> Phase {
 impl From<ClientError> for Parting {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::Refused { code: RefusalCode::UnknownScene, message } => Self::Unloaded(message),
+            ClientError::Refused { code: RefusalCode::UnknownScene | RefusalCode::Busy, message } => Self::Unloaded(message),
             other => Self::Lost(other.to_string()),
         }
     }

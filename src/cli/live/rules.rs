@@ -1,7 +1,7 @@
 //! Which requests are answered. The page may change a scene, so that whatever a browser can be made to send on behalf of another site, or under another
 //! name of this machine, must do nothing.
 
-use hyper::header::{ALLOW, AsHeaderName, CONTENT_LENGTH, CONTENT_TYPE, HOST, HOST as AUTHORITY, HeaderMap, ORIGIN};
+use hyper::header::{ALLOW, AsHeaderName, CONTENT_LENGTH, CONTENT_TYPE, HOST, HeaderMap, ORIGIN};
 use hyper::{Method, StatusCode, Uri};
 use serde_json::json;
 
@@ -36,21 +36,30 @@ pub enum Route {
 pub struct Refusal {
     pub status: StatusCode,
     pub reason: String,
+    /// The method that is answered instead.
+    allowed: Option<&'static str>,
 }
 
 impl Refusal {
     pub fn new(status: StatusCode, reason: impl Into<String>) -> Self {
-        Self { status, reason: reason.into() }
+        Self { status, reason: reason.into(), allowed: None }
     }
 
-    pub fn forbidden(reason: impl Into<String>) -> Self {
+    fn not_allowed(method: &'static str) -> Self {
+        Self { allowed: Some(method), ..Self::new(StatusCode::METHOD_NOT_ALLOWED, format!("only {method} is answered here")) }
+    }
+
+    fn forbidden(reason: impl Into<String>) -> Self {
         Self::new(StatusCode::FORBIDDEN, reason)
     }
 
     /// As the page reads it.
     pub fn reply(&self) -> Reply {
         let reply = Reply::json(self.status, &json!({ "error": self.reason }));
-        if self.status == StatusCode::METHOD_NOT_ALLOWED { reply.with(ALLOW, "GET, POST") } else { reply }
+        match self.allowed {
+            Some(method) => reply.with(ALLOW, method),
+            None => reply,
+        }
     }
 }
 
@@ -63,9 +72,8 @@ impl Gate {
             (&Method::GET, "/") => return Ok(Route::Page),
             (&Method::GET, "/events") => Route::Events,
             (&Method::POST, "/edits") => Route::Edit,
-            (_, "/" | "/events" | "/edits") => {
-                return Err(Refusal::new(StatusCode::METHOD_NOT_ALLOWED, "GET / and /events, POST /edits"));
-            }
+            (_, "/" | "/events") => return Err(Refusal::not_allowed("GET")),
+            (_, "/edits") => return Err(Refusal::not_allowed("POST")),
             _ => return Err(Refusal::new(StatusCode::NOT_FOUND, "there are /, /events and /edits")),
         };
         // A link may lead to the page from anywhere; what the page itself asks for comes from nowhere else.
@@ -82,7 +90,7 @@ impl Gate {
     fn check_host(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), Refusal> {
         let names = self.names();
         let is_own = |name: &str| names.iter().any(|own| own.eq_ignore_ascii_case(name));
-        let host = only(headers, AUTHORITY)?.ok_or_else(|| Refusal::forbidden("the request names no host"))?;
+        let host = only(headers, HOST)?.ok_or_else(|| Refusal::forbidden("the request names no host"))?;
         if !is_own(host) || uri.authority().is_some_and(|authority| !is_own(authority.as_str())) {
             return Err(Refusal::forbidden(format!("this server is {} and no other host", names.join(" or "))));
         }

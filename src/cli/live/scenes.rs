@@ -43,13 +43,13 @@ struct Act {
 }
 
 impl Stage {
-    /// The revision of the scene that is shown.
-    pub fn revision(&self) -> Option<u64> {
-        self.set.as_ref().map(|set| set.revision)
+    /// The field of the scene that is shown: the daemon, and the number of the table.
+    pub fn field(&self) -> Option<(u64, u64)> {
+        self.set.as_ref().map(|set| set.field)
     }
 
-    /// Puts a plan on the stage, or the word that there is none, with the field that it was made on; gives what pages are to show. What the plan captures
-    /// takes longer to find out than the plan has taken.
+    /// Puts a plan on the stage, or the word that there is none, with the field that it was made on; gives what pages are to show. What the plan
+    /// captures takes longer to find out than the plan has taken.
     pub fn plan(
         &mut self,
         number: (u64, u64),
@@ -108,7 +108,8 @@ impl Stage {
     }
 }
 
-/// The page, and what a browser lets it do. Only scripts that name `nonce` run; all else that it needs comes with it, or from the server that it came from.
+/// The page, and what a browser lets it do. Only scripts that name `nonce` run; all else that it needs comes with it, or from the server that it came
+/// from.
 pub fn page(scene: &str, token: &str, nonce: &str) -> (Vec<u8>, String) {
     let data = page::data(&Scene3d::empty(scene, None), &[]);
     let html = page::html(&data, Some(&Live { token: token.to_owned() }));

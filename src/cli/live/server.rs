@@ -33,6 +33,9 @@ const HEARTBEAT: Duration = Duration::from_secs(5);
 /// Most bytes of a request's head.
 const MOST_HEAD_BYTES: usize = 32 * 1024;
 
+/// A page that takes nothing for so long has lost its place; one that is alive asks for another by itself.
+const SILENCE: Duration = Duration::from_secs(60);
+
 /// Messages that wait for a page that reads slowly; what is newer by then is taken instead.
 const WAITING: usize = 1;
 
@@ -134,7 +137,7 @@ fn whole(reply: Reply) -> Answer {
 
 /// Sends a page what is new for as long as it listens.
 async fn stream(mut page: Sender<Bytes, Infallible>, mut views: tokio::sync::watch::Receiver<View>, hello: Bytes) {
-    if page.send_data(hello).await.is_err() {
+    if !takes(&mut page, hello).await {
         return;
     }
     let (mut status, mut shown) = (0, 0);
@@ -142,7 +145,7 @@ async fn stream(mut page: Sender<Bytes, Infallible>, mut views: tokio::sync::wat
         let view = views.borrow_and_update().clone();
         for event in view.newer_than(status, shown) {
             // While a slow page reads, the board goes on; then it gets what is newest.
-            if page.send_data(event).await.is_err() {
+            if !takes(&mut page, event).await {
                 return;
             }
         }
@@ -151,10 +154,41 @@ async fn stream(mut page: Sender<Bytes, Infallible>, mut views: tokio::sync::wat
             Ok(Ok(())) => {}
             Ok(Err(_)) => return,
             Err(_) => {
-                if page.send_data(Bytes::from_static(b": still here\n\n")).await.is_err() {
+                if !takes(&mut page, Bytes::from_static(b": still here\n\n")).await {
                     return;
                 }
             }
         }
+    }
+}
+
+async fn takes(page: &mut Sender<Bytes, Infallible>, event: Bytes) -> bool {
+    matches!(tokio::time::timeout(SILENCE, page.send_data(event)).await, Ok(Ok(())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_that_reads_late_gets_the_newest_state_and_not_all_of_them() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+        runtime.block_on(async {
+            let board = Board::new();
+            let (sender, mut body) = Channel::<Bytes, Infallible>::new(WAITING);
+            let streamed = tokio::spawn(stream(sender, board.look(), event("hello", b"{}")));
+            for number in 1..=100 {
+                board.show(number.to_string().as_bytes());
+                tokio::task::yield_now().await;
+            }
+            drop(board);
+            let mut events = Vec::new();
+            while let Some(frame) = body.frame().await {
+                events.push(String::from_utf8(frame.unwrap().into_data().unwrap().to_vec()).unwrap());
+            }
+            streamed.await.unwrap();
+            let shown: Vec<&String> = events.iter().filter(|event| event.starts_with("event: show")).collect();
+            assert!(shown.len() <= 3 && shown.last().is_some_and(|last| last.contains("data: 100")), "{events:?}");
+        });
     }
 }

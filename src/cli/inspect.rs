@@ -23,7 +23,7 @@ pub fn run(arguments: &InspectArgs, form: Form) -> Result<Answer, Failure> {
     meter.keep_moving();
     meter.stage("reading the scene");
     let (scene, report) =
-        in_process::read_scene_files(&SceneFiles { scene: &arguments.file, ground: arguments.dtm.as_deref() }, &settings)?;
+        in_process::read_scene_files(&SceneFiles { scene: &arguments.file, ground: arguments.read.dtm.as_deref() }, &settings)?;
     drop(meter);
     let mut object = json!({
         "scene": scene.name,

@@ -15,10 +15,10 @@ pub fn run(arguments: &LoadArgs, form: Form) -> Result<Answer, Failure> {
     // Opening it here first tells a wrong path from a daemon that may not read it.
     let piped = in_process::read_piped(&arguments.file)?;
     let client = daemon::connect(arguments.reach.domain.as_deref())?;
-    let source = source(&arguments.file, arguments.dtm.as_deref());
+    let source = source(&arguments.file, arguments.read.dtm.as_deref());
     let loaded = match load(&client, source, arguments, form) {
         // What is sent is one file.
-        Err(error @ ClientError::Refused { code: RefusalCode::Unreadable, .. }) if arguments.dtm.is_some() => {
+        Err(error @ ClientError::Refused { code: RefusalCode::Unreadable, .. }) if arguments.read.dtm.is_some() => {
             return Err(error.into());
         }
         Err(ClientError::Refused { code: RefusalCode::Unreadable, message }) => {

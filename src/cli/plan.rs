@@ -50,7 +50,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
     let stopper = stop.clone();
     let interrupts = Interrupts::first(form, move || stopper.stop());
     let flown = arguments.en_route.read_flown()?;
-    let files = in_process::SceneFiles { scene: Path::new(&arguments.scene), ground: arguments.dtm.as_deref() };
+    let files = in_process::SceneFiles { scene: Path::new(&arguments.scene), ground: arguments.read.dtm.as_deref() };
     let planned = in_process::plan_file(&files, &settings, options, flown.as_ref(), &stop, &mut meter)?;
     drop(interrupts);
     let asked = meter.asked();
@@ -68,6 +68,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
         settings: settings_file::differing(&settings),
         scene_file: std::path::absolute(&arguments.scene).ok().map(|path| path.to_string_lossy().into_owned()),
         ground_file: arguments
+            .read
             .dtm
             .as_ref()
             .and_then(|path| std::path::absolute(path).ok())
@@ -130,7 +131,7 @@ fn again(arguments: &PlanArgs) -> String {
         ("region", order.region.as_ref().map(|region| format!("\"{region}\""))),
         ("look", order.look.map(|look| typed(&look.0))),
         ("config", arguments.config.as_ref().map(|path| path.display().to_string())),
-        ("dtm", arguments.dtm.as_ref().map(|path| path.display().to_string())),
+        ("dtm", arguments.read.dtm.as_ref().map(|path| path.display().to_string())),
         ("samples", sizes.samples.map(|samples| samples.to_string())),
         ("viewpoints", sizes.viewpoints.map(|viewpoints| viewpoints.to_string())),
     ];
@@ -225,7 +226,7 @@ fn remark_departure(plan: &Plan, form: Form) {
 fn refuse_file_options(arguments: &PlanArgs) -> Result<(), Failure> {
     let given = [
         ("--config", arguments.config.is_some()),
-        ("--dtm", arguments.dtm.is_some()),
+        ("--dtm", arguments.read.dtm.is_some()),
         ("--samples", arguments.sizes.samples.is_some()),
         ("--viewpoints", arguments.sizes.viewpoints.is_some()),
         ("--flown", arguments.en_route.flown.is_some()),

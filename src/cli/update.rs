@@ -18,7 +18,7 @@ const MOST_NAMES: usize = 20;
 pub fn run(arguments: &UpdateArgs, form: Form) -> Result<Answer, Failure> {
     // Opening it here first tells a wrong path from a daemon that may not read it.
     let piped = in_process::read_piped(&arguments.file)?;
-    let client = daemon::connect(arguments.domain.as_deref())?;
+    let client = daemon::connect(arguments.reach.domain.as_deref())?;
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let started = Instant::now();
     let source = load::source(&arguments.file, arguments.dtm.as_deref());

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::Reach;
 use crate::cli::values::{self, Meters2, Meters3, Outline};
 
 const EDIT_HELP: &str = "\
@@ -172,9 +173,8 @@ pub struct UpdateArgs {
     /// Return as soon as the scene is changed, without the new plan
     #[arg(long, conflicts_with = "out")]
     pub no_wait: bool,
-    /// Domain of the daemon [default: overfly]
-    #[arg(long, value_name = "NAME", env = "OVERFLY_DOMAIN", hide_env_values = true)]
-    pub domain: Option<String>,
+    #[command(flatten)]
+    pub reach: Reach,
 }
 
 #[cfg(test)]

@@ -11,6 +11,10 @@ use crate::cli::values::Meters3;
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "How the scene file is read")]
 pub struct ReadArgs {
+    /// Only for a GeoTIFF surface model (DSM): the model of its ground (DTM), a GeoTIFF too [default: the file beside it with `dtm` for `dsm` in its name,
+    /// else a guess]
+    #[arg(long, value_name = "FILE")]
+    pub dtm: Option<PathBuf>,
     /// Reference system of the file's coordinates, EPSG code (28992, 7415, 25830, 32631 ...); 0 for what the file says [default: the setting proxy.epsg, 0]
     #[arg(long, value_name = "CODE")]
     pub epsg: Option<u32>,
@@ -59,9 +63,6 @@ impl ReadArgs {
 pub struct InspectArgs {
     /// Scene file
     pub file: PathBuf,
-    /// Only for a GeoTIFF surface model: the model of its ground, as for `overfly load`
-    #[arg(long, value_name = "FILE")]
-    pub dtm: Option<PathBuf>,
     /// Folder for inspect.json and inspect.svg; without it the report is only printed
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

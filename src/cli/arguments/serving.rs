@@ -43,10 +43,6 @@ pub struct ServeArgs {
 pub struct LoadArgs {
     /// Scene file
     pub file: PathBuf,
-    /// Only for a GeoTIFF surface model (DSM): the model of its ground (DTM), a GeoTIFF too [default: the file beside it with `dtm` for `dsm` in its name,
-    /// else a guess]
-    #[arg(long, value_name = "FILE")]
-    pub dtm: Option<PathBuf>,
     /// Name of the scene from now on [default: the file's name without its extension]
     #[arg(long)]
     pub name: Option<String>,

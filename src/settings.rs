@@ -117,11 +117,11 @@ pub struct FlightSettings {
     pub cruise_speed_mps: f64,
     /// Least distance of the curve to every structure, m.
     pub safety_distance_m: f64,
-    /// Least altitude above the ground plane, m.
+    /// Least altitude above the ground below, m.
     pub altitude_min_m: f64,
     /// Headroom above the tallest structure, m.
     pub above_tallest_m: f64,
-    /// Legal ceiling above the ground plane, m.
+    /// Legal ceiling above the ground below, m.
     pub legal_ceiling_m: f64,
     /// How far the flight may leave the box around the structures, m.
     pub lateral_margin_m: f64,

@@ -220,3 +220,39 @@ fn a_flight_goes_around_a_zone_as_its_export_does() {
     let aware = place.json(&["fly", "out/plan.json", "--dry-run", "--scene", "moved.geojson"]);
     assert!(!aware["notes"].to_string().contains("the scene is not known"), "{}", aware["notes"]);
 }
+
+#[test]
+fn a_plan_is_exported_and_flown_with_the_settings_that_it_was_made_with() {
+    let place = Place::new();
+    let scene = place.scene();
+    let settings = "[flight]\nsafety_distance_m = 2.0\n[[flight.no_fly]]\nname = \"aside\"\n\
+                    outline_m = [[400.0, 0.0], [440.0, 0.0], [440.0, 40.0]]\nfloor_m = 0.0\nceiling_m = 500.0\n";
+    std::fs::write(place.path("own.toml"), settings).unwrap();
+    let made = ["--rig", "phantom4-rtk", "--method", "paper", "--iterations", "60", "--seed", "2", "--config", "own.toml"];
+    place.json(&[&["plan", &scene, "--out", "out"], &made[..]].concat());
+    let export = ["export", "out/plan.json", "--to", "qgc", "--to", "kml"];
+    let known = place.json(&[&export[..], &["--out", "known"]].concat());
+    let told = place.json(&[&export[..], &["--out", "told", "--config", "own.toml"]].concat());
+    assert_eq!(known["fences"], json!(["aside"]));
+    assert_eq!((&known["transit_m"], &known["home"], &known["notes"]), (&told["transit_m"], &told["home"], &told["notes"]));
+    assert!(place.read("known/town-1.plan") == place.read("told/town-1.plan"));
+    let flown = place.json(&["fly", "out/plan.json", "--dry-run"]);
+    assert_eq!(flown["items"], place.json(&["fly", "out/plan.json", "--dry-run", "--config", "own.toml"])["items"]);
+
+    // A plan of a daemon does not say with what it was made.
+    let guessed = changed(&place, "guessed", |_| {});
+    let mut run: Value = serde_json::from_slice(&place.read("guessed/run.json")).unwrap();
+    run["settings"] = Value::Null;
+    std::fs::write(place.path("guessed/run.json"), run.to_string()).unwrap();
+    let guesses = |answer: &Value| answer["notes"].to_string().contains("what settings the plan was made with is not known");
+    assert!(!guesses(&known) && guesses(&place.json(&["export", &guessed, "--to", "qgc", "--out", "guessed"])));
+    assert!(!guesses(&flown) && guesses(&place.json(&["fly", &guessed, "--dry-run"])));
+
+    // Without the scene a map does not know the ground.
+    std::fs::rename(place.path("town.geojson"), place.path("moved.geojson")).unwrap();
+    let map = |words: &[&str]| {
+        let answer = place.json(&[&["export", "out/plan.json", "--to", "kml", "--out", "map"], words].concat());
+        answer["notes"].to_string().contains("the scene's zero")
+    };
+    assert!(map(&[]) && !map(&["--altitude", "absolute"]) && !map(&["--scene", "moved.geojson"]));
+}

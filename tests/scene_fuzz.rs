@@ -133,3 +133,85 @@ fn las() {
 fn laz() {
     fuzz("a.laz", &scene_files::las::las(&scene_files::las::points([2, 6, 5]), true));
 }
+
+#[test]
+fn layered_laz() {
+    fuzz("a.laz", &scene_files::las::layered(&scene_files::las::points([2, 6, 5]), 5000));
+}
+
+/// A packed cloud that can be given wrong sizes.
+struct Packed(Vec<u8>);
+
+impl Packed {
+    fn set(&mut self, at: usize, value: &[u8]) {
+        self.0[at..at + value.len()].copy_from_slice(value);
+    }
+
+    fn start(&self) -> usize {
+        u32::from_le_bytes(self.0[96..100].try_into().unwrap()) as usize
+    }
+
+    fn table(&self) -> usize {
+        u64::from_le_bytes(self.0[self.start()..][..8].try_into().unwrap()) as usize
+    }
+
+    /// Where it stands how the points are packed.
+    fn packing(&self) -> usize {
+        let user = b"laszip encoded";
+        self.0.windows(user.len()).position(|part| part == user).unwrap() + 52
+    }
+
+    /// A second chunk with layers of 4 GiB where the first one ends.
+    fn with_huge_layers(mut self) -> Self {
+        let (start, table) = (self.start(), self.table());
+        self.0.splice(table..table, [[0; 34].as_slice(), &[0xff; 36]].concat());
+        self.set(start, &(table as u64 + 70).to_le_bytes());
+        self
+    }
+}
+
+#[test]
+fn sizes_that_no_packed_cloud_can_have_take_no_memory() {
+    let points = scene_files::las::points([2, 6, 5]);
+    let plain = || Packed(scene_files::las::las(&points, true));
+    let layered = || Packed(scene_files::las::layered(&points, 50_000));
+    let larger = "a part is larger than the file";
+    let many_chunks = |chunks: u32| {
+        let mut cloud = plain();
+        let table = cloud.table();
+        cloud.set(table + 4, &chunks.to_le_bytes());
+        cloud
+    };
+    // The table's place stands at the end.
+    let mut at_the_end = many_chunks(u32::MAX - 15);
+    let (start, table) = (at_the_end.start(), at_the_end.table());
+    at_the_end.0.extend((table as u64).to_le_bytes());
+    at_the_end.set(start, &(-1i64).to_le_bytes());
+    let length = plain().0.len() as u32;
+    // The number that a chunk gives of its points is not the one that counts.
+    let mut chunks_of_one = layered().with_huge_layers();
+    let packing = chunks_of_one.packing();
+    chunks_of_one.set(packing + 12, &1u32.to_le_bytes());
+    let mut marked_as_plain = layered().with_huge_layers();
+    marked_as_plain.set(packing, &2u16.to_le_bytes());
+    let mut of_another_size = layered();
+    of_another_size.set(packing + 36, &29u16.to_le_bytes());
+    let mut without_end = layered();
+    without_end.set(247, &(1u64 << 40).to_le_bytes());
+    let mut without_table = plain();
+    without_table.set(start, &0u64.to_le_bytes());
+    without_table.0.extend([0; 8]);
+    for (case, cloud, expected) in [
+        ("table at the end", at_the_end, larger),
+        ("as many chunks as bytes", many_chunks(length), larger),
+        ("chunks of one point", chunks_of_one, larger),
+        ("layers that are not marked", marked_as_plain, "in another way than their parts"),
+        ("parts of another size", of_another_size, "of another one than such parts have"),
+        ("more points than fit", without_end, "do not fit into"),
+        ("no table", without_table, "there is no table"),
+    ] {
+        let refused = read("a.laz", &cloud.0, &Settings::default().proxy).map(|_| ());
+        let told = refused.expect_err(case).to_string();
+        assert!(told.contains(expected), "{case}: {told}");
+    }
+}

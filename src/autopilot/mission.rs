@@ -40,7 +40,7 @@ pub struct MissionOptions<'a> {
     pub course: &'a CourseOptions,
     /// The space around the ways out and home, where it is known.
     pub free: Option<&'a FreeSpace>,
-    /// From 1.
+    /// From 1; whoever joins in flight is on the one that leads there.
     pub sortie: usize,
     pub autopilot: Autopilot,
 }
@@ -48,9 +48,10 @@ pub struct MissionOptions<'a> {
 /// How an aircraft in the air goes over to a mission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joined {
-    /// The waypoint that it flies to.
+    /// The waypoint at the end of the leg that it joins.
     pub waypoint: usize,
-    /// Where an aircraft is that is too far from the path to fly there straight: it climbs above everything, flies across and comes down.
+    /// Where an aircraft is that is too far from the path to fly there straight: it climbs above everything, flies across and comes down where
+    /// the leg begins.
     pub from_m: Option<Point3<f64>>,
 }
 
@@ -99,23 +100,32 @@ impl Mission {
     pub fn new(new: &NewPlan, options: &MissionOptions, joined: Option<Joined>) -> Result<Self, MissionError> {
         let &MissionOptions { course: course_options, free, sortie, autopilot } = options;
         autopilot.check(course_options.altitudes)?;
-        let course = Course::new(&new.plan, free, course_options)?;
+        let in_flight = course_options.in_flight || joined.is_some();
+        let course = Course::new(&new.plan, free, &CourseOptions { in_flight, ..course_options.clone() })?;
         let sorties = course.sorties.len();
+        // One that joins is on the sortie that flies the leg there.
+        let leads_there = |joined: Joined| course.sorties.iter().rposition(|sortie| sortie.stops[0].waypoint < joined.waypoint);
+        let sortie = joined.map_or(sortie, |joined| 1 + leads_there(joined).unwrap_or(0));
         let flown = sortie.checked_sub(1).and_then(|index| course.sorties.get(index));
         let flown = flown.ok_or(MissionError::NoSortie { wanted: sortie, has: sorties })?;
         let waypoints: Vec<usize> = flown.stops.iter().map(|stop| stop.waypoint).collect();
         let mut list = mav_items::items(&course, flown, autopilot);
-        if let Some(joined) = joined {
-            let first = waypoints.partition_point(|&waypoint| waypoint < joined.waypoint);
-            list = set_anew(&list, first..first + SET_ANEW);
-        }
-        let at = |joined: &Joined| stop_items(&list).into_iter().find(|stop| stop.waypoint >= joined.waypoint);
         let mut way_in = None;
-        if let Some((stop, from_m)) = joined.and_then(|joined| at(&joined).zip(joined.from_m)) {
-            let to_m = new.plan.waypoints[stop.waypoint].position_m;
-            let way = course.way_over(&new.plan, free, &from_m, &to_m)?;
-            list.splice(stop.begins..stop.begins, mav_items::way_items(&course, &way, autopilot));
-            way_in = Some(stop.begins);
+        if let Some(joined) = joined {
+            let next = waypoints.partition_point(|&waypoint| waypoint < joined.waypoint);
+            // One that comes down to the path flies the leg from its beginning, with all of its images.
+            let first = if joined.from_m.is_some() { next.saturating_sub(1) } else { next };
+            list = set_anew(&list, first..first + SET_ANEW);
+            if let Some((from_m, &stop)) = joined.from_m.zip(stop_items(&list).get(first)) {
+                let to_m = new.plan.waypoints[stop.waypoint].position_m;
+                let way = course.way_over(&new.plan, free, &from_m, &to_m)?;
+                let mut items = mav_items::way_items(&course, &way, autopilot);
+                // Of the leg that leads there only the view is left: the nose and the gimbal for the first image.
+                let group = list[stop.begins..stop.item].rsplit(is_relief).next().unwrap_or_default();
+                items.extend(group.iter().filter(|item| !mav_items::is_of_legs(item)));
+                list.splice(stop.begins..stop.item, items);
+                way_in = Some(stop.begins);
+            }
         }
         if autopilot == Autopilot::ArduPilot {
             // Its item 0 is the home position, and is never flown to.

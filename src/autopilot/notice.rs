@@ -51,10 +51,11 @@ pub enum Notice {
         epoch: u64,
         why: String,
     },
-    /// A plan will not be flown; the one before is flown on.
+    /// A plan will not be flown; the one before is flown on, or the aircraft holds still because there was no flight.
     Kept {
         epoch: u64,
         why: String,
+        is_held: bool,
     },
     LinkLost {
         silent: Duration,

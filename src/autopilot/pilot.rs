@@ -5,6 +5,7 @@
 //! autopilot that is not heard; when it is back, the plan that is wanted goes up again.
 
 mod contact;
+mod hold;
 mod replace;
 
 use std::collections::VecDeque;
@@ -13,6 +14,7 @@ use std::time::Duration;
 
 use overfly_client::FlightReport;
 
+use self::hold::Held;
 use super::command::{Command, Order, SetCurrent};
 use super::dialect::GLOBAL_POSITION_INT_DATA;
 use super::follow::Progress;
@@ -108,7 +110,7 @@ pub struct Pilot {
     camera: Option<(Camera, i64)>,
     orders: VecDeque<Order>,
     command: Option<Command>,
-    is_held: bool,
+    held: Option<Held>,
     /// When an aircraft that was told to hold counts as being at rest, whatever it says.
     at_rest: Option<Duration>,
     /// How much later than a report a plan that follows from it is flown.
@@ -136,7 +138,7 @@ impl Pilot {
             camera: None,
             orders: VecDeque::new(),
             command: None,
-            is_held: false,
+            held: None,
             at_rest: None,
             lead: PLANNING,
             out: Vec::new(),

@@ -14,35 +14,35 @@ use super::answer::{Answer, Form};
 use super::arguments::{ExportArgs, Format};
 use super::evaluate::read_plan_or_run;
 use super::failure::Failure;
+use super::flown_scene;
 use super::interrupt::Interrupts;
 use super::outputs::Folder;
 use super::progress::Meter;
-use super::{flown_scene, settings_file};
 use crate::mission::course::{Altitudes, Course, CourseError, Ground};
 use crate::mission::mav_items::Autopilot;
 use crate::mission::pictures::plain_name;
 use crate::mission::{colmap, coverage_model, dji, footprints, geojson, kml, litchi, plan_read, qgc, tables, waypoints};
 use crate::quality::{self, Quality, Truth};
 use crate::scene::Scene;
+use crate::scene::free_space::FreeSpace;
 use crate::session::FieldError;
 use crate::settings::Settings;
 use crate::stop::StopToken;
-use crate::trajectory::plan::{Plan, sight_scale};
+use crate::trajectory::plan::Plan;
 
 /// Formats of a plan that has no place on the Earth.
 const WITHOUT_GEOREFERENCE: &str = "csv, colmap, realitycapture, metashape, coverage-ply and coverage-glb need none";
 
 pub fn run(arguments: &ExportArgs, form: Form) -> Result<Answer, Failure> {
-    let settings = settings_file::settings(arguments.course.config.as_ref(), None)?;
     let plan = plan_read::read(&arguments.plan.to_string_lossy(), &read_plan_or_run(&arguments.plan)?)?;
-    let settings = settings.with_sight(sight_scale(&plan.cameras));
-    settings.check()?;
+    let (settings, guessed) = flown_scene::settings(arguments.course.config.as_ref(), &arguments.plan, &plan)?;
     let stop = StopToken::default();
     let stopper = stop.clone();
     let interrupts =
         Interrupts::announced(form, "stopping: nothing is written; Ctrl-C again ends at once", move || stopper.stop());
     let _folder = Folder::prepare(&arguments.out)?;
     let mut export = Export::new(arguments, plan, &settings)?;
+    export.notes.extend(guessed.filter(|_| export.scene.is_ok()));
     export.write_all(&stop, form)?;
     drop(interrupts);
     let files = export.put()?;
@@ -57,6 +57,8 @@ struct Export<'a> {
     plan: Plan,
     /// Without one, why.
     scene: Result<Scene, String>,
+    /// The plan in the frame of the scene, and the space around it, where something has needed them.
+    flown: Option<(Plan, FreeSpace)>,
     course: Option<Course>,
     /// What files are called by.
     stem: String,
@@ -73,7 +75,7 @@ impl<'a> Export<'a> {
             false => Err("nobody asked for it".to_owned()),
         };
         let stem = plain_name(&plan.scene.name);
-        Ok(Self { arguments, settings, plan, scene, course: None, stem, notes: Vec::new(), files: Vec::new() })
+        Ok(Self { arguments, settings, plan, scene, flown: None, course: None, stem, notes: Vec::new(), files: Vec::new() })
     }
 
     /// Each wanted format once; of `all`, those that the plan allows.
@@ -162,21 +164,28 @@ impl<'a> Export<'a> {
         }
     }
 
+    /// The plan in its scene, where that is known, worked out once.
+    fn flown(&mut self) -> Result<Option<&(Plan, FreeSpace)>, Failure> {
+        if let (None, Ok(scene)) = (&self.flown, &self.scene) {
+            let plan = flown_scene::carried(&self.plan, scene, self.settings)?;
+            self.flown = Some((plan, flown_scene::free_space(scene, self.settings)?));
+        }
+        Ok(self.flown.as_ref())
+    }
+
     /// The course of the plan, worked out once.
     fn prepare_course(&mut self) -> Result<(), Failure> {
         if self.course.is_some() {
             return Ok(());
         }
         let options = self.arguments.course.options();
-        let course = match &self.scene {
-            Ok(scene) => {
-                let plan = flown_scene::carried(&self.plan, scene, self.settings)?;
-                let free = flown_scene::free_space(scene, self.settings)?;
-                let course = Course::new(&plan, Some(&free), &options)?;
-                course.check(&plan, &free)?;
+        let course = match self.flown()? {
+            Some((plan, free)) => {
+                let course = Course::new(plan, Some(free), &options)?;
+                course.check(plan, free)?;
                 course
             }
-            Err(_) => Course::new(&self.plan, None, &options)?,
+            None => Course::new(&self.plan, None, &options)?,
         };
         self.notes.extend(course.notes.iter().cloned());
         self.course = Some(course);
@@ -206,14 +215,19 @@ impl<'a> Export<'a> {
 
     fn write_map(&mut self) -> Result<(), Failure> {
         let (which, altitudes) = (self.arguments.images.which(), self.arguments.course.altitude.into());
-        let bytes = match &self.scene {
-            Ok(scene) => {
-                let plan = flown_scene::carried(&self.plan, scene, self.settings)?;
-                let free = flown_scene::free_space(scene, self.settings)?;
-                kml::to_bytes(&plan, which, altitudes, Ground::of(Some(&free)))
+        let bytes = match self.flown()? {
+            Some((plan, free)) => kml::to_bytes(plan, which, altitudes, Ground::of(Some(free))),
+            None if altitudes == Altitudes::Terrain => return Err(CourseError::NoTerrain.into()),
+            None => {
+                if altitudes == Altitudes::Relative {
+                    self.notes.push(
+                        "the scene is not known: heights above the ground in the kml are those above the scene's zero (its lowest ground); \
+                         over hilly ground give the scene with `--scene`, or take absolute heights (`--altitude absolute`)"
+                            .to_owned(),
+                    );
+                }
+                kml::to_bytes(&self.plan, which, altitudes, Ground::default())
             }
-            Err(_) if altitudes == Altitudes::Terrain => return Err(CourseError::NoTerrain.into()),
-            Err(_) => kml::to_bytes(&self.plan, which, altitudes, Ground::default()),
         };
         self.files.extend(bytes.map(|bytes| (PathBuf::from(format!("{}.kml", self.stem)), bytes)));
         Ok(())

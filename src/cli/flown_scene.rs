@@ -5,12 +5,28 @@ use std::path::{Path, PathBuf};
 use super::evaluate::{read_as_before, read_run, run_file, scene_file};
 use super::failure::Failure;
 use super::in_process::{self, SceneFiles};
+use super::settings_file;
 use crate::quality;
 use crate::scene::Scene;
 use crate::scene::free_space::FreeSpace;
 use crate::session::FieldError;
 use crate::settings::Settings;
-use crate::trajectory::plan::Plan;
+use crate::trajectory::plan::{Plan, sight_scale};
+
+/// The settings of a plan: those of the file that is given, else what the run.json beside the plan says that it was made with. A note where
+/// it does not say so.
+pub fn settings(config: Option<&PathBuf>, plan_file: &Path, plan: &Plan) -> Result<(Settings, Option<String>), Failure> {
+    let sight_scale = sight_scale(&plan.cameras);
+    if config.is_some() {
+        let settings = settings_file::settings(config, None)?.with_sight(sight_scale);
+        settings.check()?;
+        return Ok((settings, None));
+    }
+    let run = read_run(&run_file(plan_file), plan).unwrap_or_default();
+    let note = "what settings the plan was made with is not known, as for a plan of a daemon: safety distance, no-fly zones and all else are \
+                the built-in ones; give others with `--config`";
+    Ok((settings_file::as_in_run(&run, sight_scale), (!run["settings"].is_object()).then(|| note.to_owned())))
+}
 
 /// The scene file that is given, else the one that the run.json beside a plan names, read as it was for the plan; or why there is none.
 pub fn find(

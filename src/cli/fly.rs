@@ -26,7 +26,7 @@ use crate::mission::course::Course;
 use crate::mission::mav_items::Autopilot;
 use crate::mission::plan_read;
 use crate::scene::free_space::FreeSpace;
-use crate::trajectory::plan::{Plan, sight_scale};
+use crate::trajectory::plan::Plan;
 
 /// A larger plan.json is a mistake.
 const MOST_PLAN_BYTES: u64 = 1_000_000_000;
@@ -44,10 +44,11 @@ pub fn run(arguments: &FlyArgs, form: Form) -> Result<(), Failure> {
     let is_file = arguments.plan.contains('/') || arguments.plan.ends_with(".json") || Path::new(&arguments.plan).is_file();
     let file = if is_file { Some(read(&arguments.plan)?) } else { None };
     let (file, space) = free_space(arguments, file)?;
+    let note = space.as_ref().and_then(|space| space.note.clone());
     if arguments.dry_run {
         let new = file.map_or_else(|| orders::last_plan(arguments), Ok)?;
         let free = space.as_ref().map(|space| space.of(&new.plan)).transpose()?;
-        return form.print(&dry_run(arguments, &new, free)?).map_err(Failure::Print);
+        return form.print(&dry_run(arguments, &new, free, note)?).map_err(Failure::Print);
     }
     let Some(place) = arguments.link.clone() else { return Err(Failure::Usage("give `--link`, or `--dry-run`".to_owned())) };
     let source = file.map_or_else(|| PlanSource::open(arguments), |new| Ok(PlanSource::File(new)))?;
@@ -59,29 +60,32 @@ pub fn run(arguments: &FlyArgs, form: Form) -> Result<(), Failure> {
     if let (Some(space), Some(first)) = (&space, source.first()) {
         space.of(&first.plan)?;
     }
+    if let Some(note) = note {
+        form.print(&say::note(&note)).map_err(Failure::Print)?;
+    }
     Flight::new(arguments, form, link, source, space).fly(&stop)
 }
 
 /// The space that the ways out and home lead through: of the scene that is given, and for a plan.json else of the one that it was made on. A file's plan comes back
 /// in the frame of the scene, and is held against it; a daemon has checked its own against what the scene is by now.
 fn free_space(arguments: &FlyArgs, file: Option<NewPlan>) -> Result<(Option<NewPlan>, Option<Space>), Failure> {
-    let settings = settings_file::settings(arguments.course.config.as_ref(), None)?;
+    let config = arguments.course.config.as_ref();
     let Some(new) = file else {
         let Some(scene) = &arguments.course.scene else { return Ok((None, None)) };
+        let settings = settings_file::settings(config, None)?;
         let (scene, _) = in_process::read_scene(scene, &settings)?;
-        return Ok((
-            None,
-            Some(Space { free: Arc::new(flown_scene::free_space(&scene, &settings)?), origin: scene.frame.origin }),
-        ));
+        let free = Arc::new(flown_scene::free_space(&scene, &settings)?);
+        return Ok((None, Some(Space { free, origin: scene.frame.origin, note: None })));
     };
-    let settings = settings.with_sight(sight_scale(&new.plan.cameras));
-    let found = flown_scene::find(arguments.course.scene.as_ref(), Path::new(&arguments.plan), &new.plan, &settings)?;
+    let plan_file = Path::new(&arguments.plan);
+    let (settings, note) = flown_scene::settings(config, plan_file, &new.plan)?;
+    let found = flown_scene::find(arguments.course.scene.as_ref(), plan_file, &new.plan, &settings)?;
     let Ok(scene) = found else { return Ok((Some(new), None)) };
     let plan = flown_scene::carried(&new.plan, &scene, &settings)?;
     let free = flown_scene::free_space(&scene, &settings)?;
     let options = arguments.course.options();
     Course::new(&plan, Some(&free), &options)?.check(&plan, &free)?;
-    let space = Space { free: Arc::new(free), origin: scene.frame.origin };
+    let space = Space { free: Arc::new(free), origin: scene.frame.origin, note };
     Ok((Some(NewPlan { plan: Arc::new(plan), ..new }), Some(space)))
 }
 
@@ -89,6 +93,8 @@ fn free_space(arguments: &FlyArgs, file: Option<NewPlan>) -> Result<(Option<NewP
 struct Space {
     free: Arc<FreeSpace>,
     origin: Option<Geodetic>,
+    /// What is to be said of it.
+    note: Option<String>,
 }
 
 impl Space {
@@ -109,11 +115,12 @@ fn read(path: &str) -> Result<NewPlan, Failure> {
     Ok(NewPlan { epoch: 0, plan: Arc::new(plan_read::read(path, &bytes)?), differs_from: None })
 }
 
-fn dry_run(arguments: &FlyArgs, new: &NewPlan, free: Option<&FreeSpace>) -> Result<Answer, Failure> {
+fn dry_run(arguments: &FlyArgs, new: &NewPlan, free: Option<&FreeSpace>, note: Option<String>) -> Result<Answer, Failure> {
     let autopilot = arguments.autopilot.map_or(Autopilot::Px4, Into::into);
     let course = &arguments.course.options();
     let options = MissionOptions { course, free, sortie: arguments.sortie as usize, autopilot };
-    let mission = Mission::new(new, &options, None).map_err(PilotError::from)?;
+    let mut mission = Mission::new(new, &options, None).map_err(PilotError::from)?;
+    mission.notes.extend(note);
     Ok(say::items(&mission))
 }
 
@@ -213,6 +220,10 @@ impl<'a> Flight<'a> {
                 if self.space.as_ref().is_some_and(|space| space.of(&new.plan).is_err()) {
                     self.space = None;
                     self.pilot.forget_space();
+                    self.print(&say::note(
+                        "the plan lies in another frame than the file of `--scene`: what the ways out and home have to keep clear of is \
+                         not known any more",
+                    ))?;
                 }
                 self.pilot.fly(new);
                 return Ok(());

@@ -92,9 +92,9 @@ pub fn sites_after(
     // Clearances are cut off at the outer edge of the shell: what is farther away changes nothing.
     let near: Vec<Bounds> = differences.boxes().map(|bounds| bounds.grown(SLACK_M)).collect();
     let barred: Vec<Bounds> = differences.barred.iter().map(|bounds| bounds.grown(SLACK_M)).collect();
-    // The highest or the outermost structure decides on the limits: when they move, cells come and go far from it too.
-    let are_limits_new = free.limits != *limits;
-    let shells: Vec<Bounds> = match are_limits_new {
+    // The highest or the outermost structure decides on the limits, the ground on altitudes: when they move, cells come and go far from it too.
+    let is_all_new = free.limits != *limits || differences.is_ground_new;
+    let shells: Vec<Bounds> = match is_all_new {
         true => vec![free.limits],
         false => near.iter().map(|bounds| bounds.grown(lattice.shell_m)).chain(barred.iter().copied()).collect(),
     };
@@ -120,7 +120,8 @@ pub fn sites_after(
             let position = position(lattice, cell);
             let is_near = |bounds: &Bounds| bounds.distance_squared(&position) <= lattice.shell_m * lattice.shell_m;
             let is_barred = |bounds: &Bounds| bounds.contains(&position);
-            let is_renewed = free.limits.contains(&position) != limits.contains(&position)
+            let is_renewed = differences.is_ground_new
+                || free.limits.contains(&position) != limits.contains(&position)
                 || near.iter().any(is_near)
                 || barred.iter().any(is_barred);
             if is_renewed {
@@ -135,7 +136,7 @@ pub fn sites_after(
         (!stop.is_stopped()).then(|| cells.filter_map(renew).collect())
     };
     let fresh: Vec<Vec<Site>> = columns.par_iter().map(renewed).collect::<Option<_>>()?;
-    if are_limits_new {
+    if is_all_new {
         return Some(fresh.concat());
     }
     let mut sites = Vec::with_capacity(before.len() + fresh.len());
@@ -227,7 +228,8 @@ fn position(lattice: &Lattice, cell: Cell) -> Point3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Scene, Shape, Structure, StructureId, Triangle};
+    use crate::scene::terrain::tests::hill;
+    use crate::scene::{NoFlyZone, Scene, Shape, Structure, StructureId, TERRAIN_NAME, Triangle, ZoneSource};
     use crate::settings::Settings;
 
     /// A box 40 m wide and 30 m high, without its roof where `open`. All faces look inwards, as in a careless model, so that the
@@ -262,5 +264,41 @@ mod tests {
             assert_eq!(inside > 0, expected, "open: {open}, {inside} viewpoints inside");
             assert!(viewpoints.len() > 100);
         }
+    }
+
+    #[test]
+    fn on_another_ground_a_zone_bars_elsewhere_as_after_a_rebuild() {
+        let settings = Settings::default();
+        let over = |radius_m: f64| {
+            let mut scene = hall(false);
+            let mut tower = Structure::clone(&scene.structures[0]);
+            let Shape::Mesh { triangles } = &mut tower.shape else { panic!("a mesh") };
+            triangles.iter_mut().flatten().for_each(|corner| corner.z *= 4.0);
+            let name = TERRAIN_NAME.to_owned();
+            let shape = Shape::Terrain(hill(40.0, radius_m, 600.0, 10.0).into());
+            scene.structures = vec![tower.into(), Structure { id: StructureId::of_name(&name), name, shape }.into()];
+            scene.structures.sort_by_key(|structure| structure.id);
+            let square = geo::Rect::new((-100.0, -100.0), (100.0, 100.0)).to_polygon().into();
+            let name = "sky".to_owned();
+            scene.zones =
+                vec![NoFlyZone { name, outline: square, floor_m: 60.0, ceiling_m: 80.0, source: ZoneSource::Configuration }];
+            scene
+        };
+        let (before, after) = (over(80.0), over(120.0));
+        let free = |scene: &Scene| FreeSpace::new(scene, &settings.flight).unwrap();
+        let lattice = Lattice { origin: Point3::new(-60.0, -60.0, 0.0), spacing_m: 6.0, shell_m: 25.0, seed: 1 };
+        let sites_of = |free: &FreeSpace| sites(free, &lattice, &StopToken::default()).unwrap();
+        let (old, new) = (free(&before), free(&after));
+        assert_eq!(old.limits, new.limits, "or all would be renewed for that");
+        let (was, rebuilt) = (sites_of(&old), sites_of(&new));
+        let differences = Differences::between(&before, &after);
+        let updated = sites_after(&new, &lattice, &was, &old.limits, &differences, &StopToken::default()).unwrap();
+        let cells = |sites: &[Site]| sites.iter().map(|site| (site.cell, site.viewpoint, site.is_open)).collect::<Vec<_>>();
+        assert!(cells(&was) != cells(&rebuilt) && cells(&updated) == cells(&rebuilt));
+        // Far above the ground as well.
+        let far = |sites: &[Site]| {
+            sites.iter().filter(|site| site.viewpoint.position.z > 70.0).map(|site| site.cell).collect::<Vec<_>>()
+        };
+        assert!(far(&was) != far(&rebuilt));
     }
 }

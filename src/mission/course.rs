@@ -34,6 +34,8 @@ pub struct CourseOptions {
     /// Where the aircraft takes off; without one, on free ground as near to the first waypoint as there is.
     pub home: Option<HomeChoice>,
     pub altitudes: Altitudes,
+    /// The aircraft is in the air, on the plan or near it: nobody flies from the take-off place to where the plan begins.
+    pub in_flight: bool,
 }
 
 /// A take-off place as it is given; its height is that of the ground of the scene where it is not.
@@ -98,8 +100,9 @@ pub struct Sortie {
     /// The first one is 1.
     pub number: usize,
     pub stops: Vec<Stop>,
-    /// Corners of the way out at the height of transit, from the one behind the take-off place to the place above the first stop, and of the way home, from
-    /// the place above the last stop on. Neither is ever empty.
+    /// Corners of the way out at the height of transit, from the one behind the take-off place to the place above the first stop, and of the
+    /// way home, from the place above the last stop on. Neither is ever empty, save the way out of a flight that goes on in the air where it is
+    /// barred: nobody flies it.
     pub out: Vec<Place>,
     pub back: Vec<Place>,
     /// From take-off to landing, s, with slow climbs, and what that takes of a battery.
@@ -153,9 +156,6 @@ pub struct Trigger {
 pub struct Fence {
     pub name: String,
     pub corners: Vec<Geodetic>,
-    /// Above the ground below, m; without an upper end `f64::MAX`.
-    pub floor_m: f64,
-    pub ceiling_m: f64,
 }
 
 /// Why a plan cannot be flown as a mission.
@@ -205,7 +205,7 @@ const MOST_WAYPOINTS: usize = 65_000;
 
 impl Default for CourseOptions {
     fn default() -> Self {
-        Self { reserve_percent: 25.0, sortie_s: None, home: None, altitudes: Altitudes::Relative }
+        Self { reserve_percent: 25.0, sortie_s: None, home: None, altitudes: Altitudes::Relative, in_flight: false }
     }
 }
 
@@ -245,7 +245,7 @@ impl Course {
         let reach = Reach::new(&legs, &limits, &home_m, &ways, free, transit_z_m);
         let battery_percent = plan.metrics.battery_percent.filter(|percent| *percent > 0.0);
         let times = Times::new(&legs, battery_percent, options, &mut notes);
-        let parts = sorties::split(&legs, &reach, &times)?;
+        let parts = sorties::split(&legs, &reach, &times, options.in_flight)?;
         let out = |index: usize| reach.way(index).iter().map(|corner| place(*corner)).collect::<Vec<Place>>();
         let stop = |k: usize, ends: (usize, usize)| {
             let mut stop = legs.stop(k, ends, &limits, &place);
@@ -351,6 +351,9 @@ impl Course {
         }
         let corners = Ways::new(free, up).to(&above);
         let corners = corners.map_err(|obstruction| barred("the way from above the aircraft to above the path", obstruction))?;
+        if let Some(obstruction) = free.and_then(|free| transit::collision(free, &above, to_m)) {
+            return Err(barred("the descent to the path", obstruction));
+        }
         let place = |position_m: Point3<f64>| Place {
             position_m,
             geodetic: frame.geodetic_from_local(&position_m).unwrap_or(self.home.geodetic),

@@ -110,6 +110,11 @@ pub fn way_items(course: &Course, places: &[Place], autopilot: Autopilot) -> Vec
     list.items
 }
 
+/// It sets what a leg is flown with, not where the camera looks.
+pub fn is_of_legs(item: &MavItem) -> bool {
+    matches!(item.command, CHANGE_SPEED | TRIGGER_DISTANCE)
+}
+
 /// What has been set so far.
 #[derive(Default)]
 struct Set {

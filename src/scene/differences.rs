@@ -17,6 +17,8 @@ pub struct Differences {
     pub come: Vec<Bounds>,
     /// Boxes of the no-fly zones that only one of the scenes has, m.
     pub barred: Vec<Bounds>,
+    /// The ground is another one: altitudes and zones that count from it are elsewhere.
+    pub is_ground_new: bool,
 }
 
 impl Differences {
@@ -26,17 +28,18 @@ impl Differences {
         let mut old = before.structures.iter().enumerate().peekable();
         for structure in &after.structures {
             while let Some((_, gone)) = old.next_if(|(_, old)| old.id < structure.id) {
-                differences.gone.push(gone.bounds());
+                differences.lose(gone);
             }
             let same_id = old.next_if(|(_, old)| old.id == structure.id);
             let kept = same_id.filter(|(_, old)| is_same(old, structure)).map(|(index, _)| index);
             if kept.is_none() {
-                differences.gone.extend(same_id.map(|(_, old)| old.bounds()));
+                same_id.iter().for_each(|(_, old)| differences.lose(old));
                 differences.come.push(structure.bounds());
+                differences.is_ground_new |= structure.terrain().is_some();
             }
             differences.kept.push(kept);
         }
-        differences.gone.extend(old.map(|(_, gone)| gone.bounds()));
+        old.for_each(|(_, gone)| differences.lose(gone));
         let only = |these: &Scene, others: &Scene| {
             let gone = these.zones.iter().filter(|zone| !others.zones.contains(zone));
             gone.filter_map(|zone| zone.bounds(these.terrain())).collect::<Vec<_>>()
@@ -44,6 +47,11 @@ impl Differences {
         differences.barred = only(before, after);
         differences.barred.extend(only(after, before));
         differences
+    }
+
+    fn lose(&mut self, gone: &Structure) {
+        self.gone.push(gone.bounds());
+        self.is_ground_new |= gone.terrain().is_some();
     }
 
     /// All boxes in which structures came or went.

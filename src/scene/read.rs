@@ -21,7 +21,8 @@ use crate::frame::LocalFrame;
 use crate::settings::ProxySettings;
 
 /// What is read, as errors tell it.
-pub const KNOWN_FORMATS: &str = "GeoJSON footprints with heights, OpenStreetMap PBF, CityJSON, CityJSON sequences, meshes as OBJ, PLY, STL and glTF (.glb), GeoTIFF surface models, LAS and LAZ point clouds";
+pub const KNOWN_FORMATS: &str = "GeoJSON footprints with heights, OpenStreetMap PBF, CityJSON, CityJSON sequences, \
+                                 meshes as OBJ, PLY, STL and glTF (.glb), GeoTIFF surface models, LAS and LAZ point clouds";
 
 /// Why a file is no scene. Nothing has been loaded.
 #[derive(Debug, thiserror::Error)]

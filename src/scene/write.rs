@@ -8,7 +8,8 @@ use super::proxy::Scene;
 use crate::frame::{Geodetic, LocalFrame};
 
 /// The scene as a GeoJSON FeatureCollection that [`super::read()`] reads back: the same structures for prisms; a mesh is written as
-/// the prism over its outline. GeoJSON has flat ground: the terrain is left out, and heights stay those above z = 0. A scene without georeference is written around latitude 0, longitude 0.
+/// the prism over its outline. GeoJSON has flat ground: the terrain is left out, and heights stay those above z = 0. A scene without
+/// georeference is written around latitude 0, longitude 0.
 pub fn to_geojson(scene: &Scene) -> String {
     let origin = scene.frame.origin.unwrap_or(Geodetic { lat_deg: 0.0, lon_deg: 0.0, alt_m: 0.0 });
     let frame = LocalFrame { origin: Some(origin) };

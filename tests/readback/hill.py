@@ -90,14 +90,14 @@ class Hill:
 def check(binary, folder, differences):
     hill = Hill(binary, folder)
     waypoints = [waypoint["position_m"][2] for waypoint in hill.plan["waypoints"]]
-    check_ardupilot(hill, waypoints, differences)
+    check_ardupilot(hill, differences)
     check_litchi(hill, waypoints, differences)
     check_dji(hill, waypoints, differences)
     check_kml(hill, waypoints, differences)
     differences.check(any("terrain data" in note for note in hill.answer["notes"]), f"no word on the aircraft's own terrain: {hill.answer['notes']}")
 
 
-def check_ardupilot(hill, waypoints, differences):
+def check_ardupilot(hill, differences):
     name = "hill-1.waypoints"
     loader = mavwp.MAVWPLoader()
     items = [loader.wp(k) for k in range(loader.load(str(hill.path(name))))]
@@ -113,26 +113,33 @@ def check_ardupilot(hill, waypoints, differences):
     differences.check(len(level) + len(followed) == len(places) and len(level) >= 3, f"{name}: frames {sorted({item.frame for item in places})}")
     differences.check(items[1].command == missions.TAKEOFF and items[1].frame == 3, f"{name}: take-off in frame {items[1].frame}")
     # The aircraft that keeps to heights above this ground, against the straight legs of the plan: stop for stop, and all the way between.
-    stops, found = hill.plan["waypoints"], 0
-    for item in followed:
-        z_m = item.z + hill.ground_at(item.x, item.y) - hill.zero_m
-        differences.check(distance_to_path(hill, item, z_m) < GROUND_TOLERANCE_M + 0.1, f"{name}: item {item.seq} is not on the path")
-    for before, after in zip(followed, followed[1:]):
-        for step in range(1, 20):
-            share = step / 20
-            lat, lon = before.x + (after.x - before.x) * share, before.y + (after.y - before.y) * share
-            flown_m = before.z + (after.z - before.z) * share + hill.ground_at(lat, lon)
-            straight_m = [item.z + hill.ground_at(item.x, item.y) for item in (before, after)]
-            off_m = flown_m - straight_m[0] - (straight_m[1] - straight_m[0]) * share
-            differences.check(abs(off_m) < FOLLOW_TOLERANCE_M, f"{name}: between {before.seq} and {after.seq} it is {off_m} m off the leg")
-            found = max(found, abs(off_m))
+    stops = hill.plan["waypoints"]
+    found = check_followed(hill, [(item.x, item.y, item.z) for item in followed], 0.0, name, differences)
     differences.check(len(followed) > len(stops), f"{name}: {len(followed)} waypoints above the ground of {len(stops)}: the hill divides no leg")
     print(f"  {name}: {len(stops)} waypoints and {len(followed) - len(stops)} between them, no more than {found:.2f} m off the legs, by pymavlink and MAVSDK")
 
 
-def distance_to_path(hill, item, z_m):
+def check_followed(hill, places, corner_m, what, differences):
+    """Places (latitude, longitude, height above the ground) lie on the path, at corners no farther from it than `corner_m`, and whoever
+    follows the ground between them stays near the straight lines. Returns how far off these it comes."""
+    found = 0
+    for index, (lat, lon, above_m) in enumerate(places):
+        off_m = distance_to_path(hill, lat, lon, above_m + hill.ground_at(lat, lon) - hill.zero_m)
+        differences.check(off_m < GROUND_TOLERANCE_M + corner_m + 0.1, f"{what}: place {index} is {off_m:.2f} m off the path")
+    for index, (before, after) in enumerate(zip(places, places[1:])):
+        straight_m = [above_m + hill.ground_at(lat, lon) for lat, lon, above_m in (before, after)]
+        for step in range(1, 20):
+            share = step / 20
+            lat, lon, above_m = (a + (b - a) * share for a, b in zip(before, after))
+            off_m = above_m + hill.ground_at(lat, lon) - straight_m[0] - (straight_m[1] - straight_m[0]) * share
+            differences.check(abs(off_m) < FOLLOW_TOLERANCE_M, f"{what}: behind place {index} it is {off_m:.2f} m off the leg")
+            found = max(found, abs(off_m))
+    return found
+
+
+def distance_to_path(hill, lat_deg, lon_deg, z_m):
     origin = hill.plan["scene"]["origin"]
-    east, north = hill.to_grid.transform(item.y, item.x)
+    east, north = hill.to_grid.transform(lon_deg, lat_deg)
     at = numpy.array([east, north, z_m])
     points = []
     for waypoint in hill.plan["waypoints"]:
@@ -175,6 +182,8 @@ def check_dji(hill, waypoints, differences):
     marks = template.findall(".//k:Placemark", NAMES)
     flown = waylines.findall(".//k:Placemark", NAMES)
     home_m = hill.answer["home"]["alt_m"]
+    counts = f"{len(marks)} placemarks in the template and {len(flown)} in the waylines for {len(waypoints)} waypoints"
+    differences.check(len(marks) == len(flown) > len(waypoints), f"{name}: {counts}")
     for index, (mark, other) in enumerate(zip(marks, flown)):
         lon, lat = (float(part) for part in mark.findtext(".//k:coordinates", None, NAMES).split(","))
         above_ground, above_home = float(mark.findtext("w:height", None, NAMES)), float(other.findtext("w:executeHeight", None, NAMES))
@@ -190,9 +199,10 @@ def check_kml(hill, waypoints, differences):
         differences.check(mark.kml_geometry.altitude_mode == AltitudeMode.relative_to_ground, f"hill.kml: {mark.name}: altitude mode")
         lon, lat, height = mark.geometry.coords[0]
         hill.check(differences, lat, lon, height, z_m, f"hill.kml: {mark.name}")
-    line = placemarks["path"].geometry.coords
-    differences.check(len(line) > len(waypoints), f"hill.kml: the path has {len(line)} places")
-    print(f"  hill.kml: {len(placemarks)} placemarks, by fastkml")
+    line = [(lat, lon, height) for lon, lat, height in placemarks["path"].geometry.coords]
+    corner_m = max(waypoint["deviation_m"] for waypoint in hill.plan["waypoints"])
+    found = check_followed(hill, line, corner_m, "hill.kml: path", differences)
+    print(f"  hill.kml: {len(placemarks)} placemarks and a path of {len(line)} places, no more than {found:.2f} m off the legs, by fastkml")
 
 
 def walk(element):

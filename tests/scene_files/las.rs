@@ -2,7 +2,7 @@
 
 use std::io::Cursor;
 
-use laz::LazVlrBuilder;
+use laz::{LazVlr, LazVlrBuilder};
 
 /// GeoKeys of EPSG:25830.
 const UTM: [u16; 16] = [1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 25830];
@@ -39,6 +39,23 @@ pub fn points([of_ground, of_house, of_tree]: [u8; 3]) -> Vec<[u8; 28]> {
 }
 
 pub fn las(points: &[[u8; 28]], is_packed: bool) -> Vec<u8> {
+    let vlr = is_packed.then(|| LazVlrBuilder::default().with_point_format(1, 0).unwrap().build());
+    file(1, points, vlr)
+}
+
+/// The same points in format 6, packed in layers, so many in each chunk.
+pub fn layered(points: &[[u8; 28]], in_chunk: u32) -> Vec<u8> {
+    let vlr = LazVlrBuilder::default().with_point_format(6, 0).unwrap().with_fixed_chunk_size(in_chunk).build();
+    let wide = |point: &[u8; 28]| {
+        let mut wide = [0u8; 30];
+        wide[..14].copy_from_slice(&point[..14]);
+        (wide[14], wide[16]) = (0x11, point[15]);
+        wide
+    };
+    file(6, &points.iter().map(wide).collect::<Vec<_>>(), Some(vlr))
+}
+
+fn file<const SIZE: usize>(format: u8, points: &[[u8; SIZE]], vlr: Option<LazVlr>) -> Vec<u8> {
     let keys: Vec<u8> = UTM.iter().flat_map(|key| key.to_le_bytes()).collect();
     let record = |user: &[u8], id: u16, data: &[u8]| {
         let mut record = vec![0; 54];
@@ -48,40 +65,45 @@ pub fn las(points: &[[u8; 28]], is_packed: bool) -> Vec<u8> {
         record.extend_from_slice(data);
         record
     };
-    let vlr = LazVlrBuilder::default().with_point_format(1, 0).unwrap().build();
     let mut records = record(b"LASF_Projection", 34735, &keys);
-    if is_packed {
+    if let Some(vlr) = &vlr {
         let mut data = Cursor::new(Vec::new());
         vlr.write_to(&mut data).unwrap();
         records.extend(record(b"laszip encoded", 22204, data.get_ref()));
     }
-    let mut bytes = vec![0; 227];
+    let (minor, header_bytes) = if format < 6 { (2, 227) } else { (4, 375) };
+    let mut bytes = vec![0; header_bytes];
     bytes[..4].copy_from_slice(b"LASF");
-    (bytes[24], bytes[25], bytes[104]) = (1, 2, if is_packed { 0x81 } else { 1 });
-    bytes[94..96].copy_from_slice(&227u16.to_le_bytes());
-    bytes[96..100].copy_from_slice(&(227 + records.len() as u32).to_le_bytes());
-    bytes[100..104].copy_from_slice(&(1 + u32::from(is_packed)).to_le_bytes());
-    bytes[105..107].copy_from_slice(&28u16.to_le_bytes());
-    bytes[107..111].copy_from_slice(&(points.len() as u32).to_le_bytes());
+    (bytes[24], bytes[25], bytes[104]) = (1, minor, format | if vlr.is_some() { 0x80 } else { 0 });
+    bytes[94..96].copy_from_slice(&(header_bytes as u16).to_le_bytes());
+    bytes[96..100].copy_from_slice(&((header_bytes + records.len()) as u32).to_le_bytes());
+    bytes[100..104].copy_from_slice(&(1 + u32::from(vlr.is_some())).to_le_bytes());
+    bytes[105..107].copy_from_slice(&(SIZE as u16).to_le_bytes());
+    if format < 6 {
+        bytes[107..111].copy_from_slice(&(points.len() as u32).to_le_bytes());
+    } else {
+        bytes[247..255].copy_from_slice(&(points.len() as u64).to_le_bytes());
+    }
     let numbers =
         [0.001, 0.001, 0.001, 499_400.0, 4_797_200.0, 0.0, 499_460.0, 499_400.0, 4_797_260.0, 4_797_200.0, 90.0, -400.0];
     for (index, number) in numbers.into_iter().enumerate() {
         bytes[131 + 8 * index..139 + 8 * index].copy_from_slice(&f64::to_le_bytes(number));
     }
     bytes.extend(records);
-    if is_packed {
-        let mut packed = Cursor::new(Vec::new());
-        let mut compressor = laz::LasZipCompressor::new(&mut packed, vlr).unwrap();
-        compressor.compress_many(&points.concat()).unwrap();
-        compressor.done().unwrap();
-        drop(compressor);
-        // The packer counts from where the points begin.
-        let mut packed = packed.into_inner();
-        let table = i64::from_le_bytes(packed[..8].try_into().unwrap()) + bytes.len() as i64;
-        packed[..8].copy_from_slice(&table.to_le_bytes());
-        bytes.extend(packed);
-    } else {
-        bytes.extend(points.concat());
+    match vlr {
+        Some(vlr) => {
+            let mut packed = Cursor::new(Vec::new());
+            let mut compressor = laz::LasZipCompressor::new(&mut packed, vlr).unwrap();
+            compressor.compress_many(&points.concat()).unwrap();
+            compressor.done().unwrap();
+            drop(compressor);
+            // The packer counts from where the points begin.
+            let mut packed = packed.into_inner();
+            let table = i64::from_le_bytes(packed[..8].try_into().unwrap()) + bytes.len() as i64;
+            packed[..8].copy_from_slice(&table.to_le_bytes());
+            bytes.extend(packed);
+        }
+        None => bytes.extend(points.concat()),
     }
     bytes
 }

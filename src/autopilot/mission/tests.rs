@@ -65,6 +65,49 @@ fn an_aircraft_that_follows_the_ground_does_not_fly_back_to_be_told_its_height()
     assert!(refused.contains("--autopilot ardupilot") && refused.contains("--altitude relative"), "{refused}");
 }
 
+#[test]
+fn an_aircraft_that_comes_down_to_a_path_flies_its_leg_from_the_beginning() {
+    let (scene, plan) = fixture::over_a_hill();
+    let free = FreeSpace::new(&scene, &crate::settings::Settings::default().flight).unwrap();
+    let altitudes = crate::mission::course::Altitudes::Terrain;
+    let course = &CourseOptions { altitudes, sortie_s: Some(3000.0), ..CourseOptions::default() };
+    let new = NewPlan { epoch: 1, plan: Arc::new(plan), differs_from: None };
+    let options = MissionOptions { course, free: Some(&free), sortie: 1, autopilot: Autopilot::ArduPilot };
+    let whole = Mission::new(&new, &options, None).unwrap();
+    let from_m = Some(Point3::new(150.0, 250.0, 100.0));
+    for waypoint in 1..4 {
+        let mission = Mission::new(&new, &options, Some(Joined { waypoint, from_m })).unwrap();
+        let (way_in, stop) = (mission.way_in.unwrap(), mission.stops[waypoint - 1]);
+        assert_eq!(mission.waypoint_ahead(way_in), Some(waypoint - 1));
+        let way = &mission.items[way_in..stop.item];
+        assert!(way.iter().all(|item| item.frame != MavFrame::MAV_FRAME_GLOBAL_TERRAIN_ALT), "{waypoint}: no other way to it");
+        let triggers = way.iter().filter(|item| item.command == MavCmd::MAV_CMD_DO_SET_CAM_TRIGG_DIST);
+        assert!(triggers.clone().count() == 1 && triggers.clone().all(|item| item.param1 == 0.0), "{waypoint}: no images on it");
+        assert!(way.iter().any(|item| item.command == MavCmd::MAV_CMD_DO_MOUNT_CONTROL), "{waypoint}: the first image is aimed");
+        assert_eq!(in_force(&mission, way_in, waypoint), in_force(&whole, 0, waypoint), "{waypoint}");
+        let relief = |mission: &Mission| mission.stops[waypoint].item - mission.stops[waypoint].begins;
+        assert!(relief(&mission) >= relief(&whole), "{waypoint}: the leg is whole");
+        assert!(waypoint == 2 || relief(&whole) > 10, "{waypoint}: it leads over the hill");
+    }
+}
+
+#[test]
+fn who_joins_a_later_sortie_does_not_fly_the_first_one_again() {
+    let course = &CourseOptions { sortie_s: Some(300.0), ..CourseOptions::default() };
+    let (new, sortie, autopilot) = (new("phantom4-rtk"), 1, Autopilot::Px4);
+    let options = MissionOptions { course, free: None, sortie, autopilot };
+    let mission = |waypoint: usize| Mission::new(&new, &options, Some(Joined { waypoint, from_m: None })).unwrap();
+    let ends: Vec<usize> = (1..=mission(0).sorties)
+        .map(|sortie| Mission::new(&new, &MissionOptions { sortie, ..options }, None).unwrap().stops.last().unwrap().waypoint)
+        .collect();
+    assert!(ends.len() > 1 && ends.last() == Some(&29), "{ends:?}");
+    for waypoint in 0..30 {
+        let joined = mission(waypoint);
+        assert_eq!(joined.sortie, 1 + ends.partition_point(|&end| end < waypoint), "waypoint {waypoint} of {ends:?}");
+        assert_eq!(joined.stop_from(waypoint).unwrap().waypoint, waypoint);
+    }
+}
+
 /// What is in force on the way to a stop when the items from `from` on are carried out.
 fn in_force(mission: &Mission, from: usize, stop: usize) -> BTreeMap<u32, String> {
     let items = &mission.items[from..mission.stops[stop].item];

@@ -63,8 +63,13 @@ impl Pilot {
             Autopilot::ArduPilot => mode == 3,
         };
         let is_under_way = self.progress.as_ref().is_some_and(Progress::is_under_way);
-        if vehicle.is_on_mission.replace(is_mission).is_some_and(|was| was != is_mission) && is_under_way {
+        let has_changed = vehicle.is_on_mission.replace(is_mission).is_some_and(|was| was != is_mission);
+        if has_changed && is_under_way {
             self.notices.push(Notice::Mode { is_mission, mode });
+        }
+        // One that has held flies on without an order of ours: its pilot has decided.
+        if has_changed && is_mission && self.held.is_some() && self.has_obeyed() {
+            self.let_go("its pilot flies on along the one before");
         }
     }
 

@@ -6,8 +6,7 @@ use std::time::Duration;
 use nalgebra::Point3;
 
 use super::{AIRBORNE_MM, ATTEMPTS, MOST_LEAD, PAUSE, PLANNING, POSITION_WAIT, Pilot, Vehicle, Work};
-use crate::autopilot::command::{Command, Order, SetCurrent};
-use crate::autopilot::dialect::GLOBAL_POSITION_INT_DATA;
+use crate::autopilot::command::{Command, Order, OrderError, SetCurrent};
 use crate::autopilot::follow::{self, Fix, Progress};
 use crate::autopilot::mission::{self, Join, Joined, Mission, MissionError, MissionOptions, NewPlan};
 use crate::autopilot::notice::{End, Notice};
@@ -18,9 +17,6 @@ use crate::mission::course::{CourseOptions, HomeChoice};
 const NEAR_M: f64 = 30.0;
 /// An aircraft that is farther from the path that it goes over to does not fly there straight, m: nothing is known of what stands between.
 const STRAIGHT_M: f64 = 10.0;
-/// At rest it is no faster than this in any direction, cm/s, and it is after this time.
-const REST_CMPS: i16 = 50;
-const BRAKES: Duration = Duration::from_secs(10);
 
 impl Pilot {
     /// Takes a plan to be flown from the next safe waypoint on. One that is on its way up gives way to it.
@@ -39,19 +35,6 @@ impl Pilot {
         }
         self.wanted = Some(new);
         self.attempt = 0;
-    }
-
-    /// There is no flight in the scene any more: the aircraft is not to go on.
-    pub fn hold(&mut self) {
-        self.wanted = None;
-        if let Work::Uploading { upload, .. } = &self.work {
-            self.out.push(upload.cancel());
-            self.work = Work::Idle;
-        }
-        if self.options.holds && self.progress.as_ref().is_some_and(Progress::is_under_way) && !self.is_held {
-            self.is_held = true;
-            self.orders.push_back(Order::Hold);
-        }
     }
 
     /// Goes on with whatever has come to its end.
@@ -75,7 +58,7 @@ impl Pilot {
                     let Work::Setting { mission, join, item, .. } = std::mem::replace(&mut self.work, Work::Idle) else { return };
                     match outcome {
                         Ok(()) => self.on_set(mission, join, item),
-                        Err(error) => self.on_failed(&mission, true, error.into(), now),
+                        Err(error) => self.on_unset(mission, join, error, now),
                     }
                 }
             }
@@ -119,19 +102,26 @@ impl Pilot {
     fn mission(&mut self, new: &NewPlan, vehicle: Vehicle, now: Duration) -> Result<Option<Mission>, MissionError> {
         let flown = self.progress.as_ref();
         let home = flown.map(|progress| progress.mission.home).or(self.options.course.home).or_else(|| self.place());
-        let options = CourseOptions { home, ..self.options.course.clone() };
-        // A path from the pose of an aircraft in the air is the rest of a sortie.
         let is_under_way = flown.is_some_and(Progress::is_under_way);
+        let options = CourseOptions { home, in_flight: is_under_way, ..self.options.course.clone() };
+        // A path from the pose of an aircraft in the air is the rest of a sortie.
         let sortie = if is_under_way { 1 } else { self.options.sortie };
         let free = self.options.free.clone();
         let options = MissionOptions { course: &options, free: free.as_deref(), sortie, autopilot: vehicle.autopilot };
         let plain = Mission::new(new, &options, None)?;
         let Some(join) = self.join(&plain, new, 0) else { return Ok(Some(plain)) };
         let from_m = self.far_off(&join, new, &plain);
-        if from_m.is_some() && is_under_way && !self.is_at_rest(join.off_m, now) {
-            return Ok(None);
+        let joined = Joined { waypoint: join.waypoint, from_m };
+        if from_m.is_some() && is_under_way {
+            // Nothing holds for a path that it cannot reach.
+            if self.held.is_none() {
+                Mission::new(new, &options, Some(joined))?;
+            }
+            if !self.is_at_rest(join.off_m, now) {
+                return Ok(None);
+            }
         }
-        Mission::new(new, &options, Some(Joined { waypoint: join.waypoint, from_m })).map(Some)
+        Mission::new(new, &options, Some(joined)).map(Some)
     }
 
     /// Where an aircraft is that must not fly straight to the path that it goes over to.
@@ -151,21 +141,6 @@ impl Pilot {
             })
         });
         (!leads_there).then_some(position_m)
-    }
-
-    /// Whether an aircraft is at rest; one that is not is told to hold.
-    fn is_at_rest(&mut self, off_m: f64, now: Duration) -> bool {
-        if !self.is_held {
-            self.is_held = true;
-            self.orders.push_back(Order::Hold);
-            self.notices.push(Notice::FarOff { off_m });
-        }
-        let latest = *self.at_rest.get_or_insert(now + BRAKES);
-        let is_slow = |position: &GLOBAL_POSITION_INT_DATA| {
-            [position.vx, position.vy, position.vz].iter().all(|speed| speed.unsigned_abs() <= REST_CMPS.unsigned_abs())
-        };
-        let has_obeyed = self.command.is_none() && self.orders.is_empty();
-        now >= latest || (has_obeyed && self.position.as_ref().is_some_and(|(position, _)| is_slow(position)))
     }
 
     /// Where an aircraft that is under way goes over to a mission, looked for from a waypoint of it on.
@@ -199,9 +174,18 @@ impl Pilot {
         self.notices.push(Notice::Uploaded { epoch, items, took, sortie, sorties });
         let begun = mission.items.iter().position(|item| item.current == 1).unwrap_or(0);
         let from = mission.waypoint_ahead(begun).map_or(0, |waypoint| waypoint.saturating_sub(1));
-        let new = self.wanted.clone().filter(|wanted| is_same(epoch, &mission.plan, wanted));
+        let new = self.wanted.clone().filter(|_| self.wants(&mission));
         let join = new.and_then(|new| self.join(&mission, &new, from));
+        let way_in = mission.way_in.and_then(|item| Some([item, mission.stops.iter().find(|stop| stop.item > item)?.item]));
+        // One that comes down to the path begins there, wherever the path is nearest.
+        let comes_down = way_in.and_then(|[item, _]| mission.waypoint_ahead(item));
+        // Where this sortie ends the next one begins, which is not in it.
+        let last = mission.stops.last().map_or(0, |stop| stop.waypoint);
+        let join = join.map(|join| Join { waypoint: comes_down.unwrap_or(join.waypoint.min(last)), ..join });
         let goes_on = join.and_then(|join| {
+            if way_in.is_some() {
+                return way_in;
+            }
             let (position, _) = self.position.as_ref()?;
             let position_m = follow::local(&mission, position.lat, position.lon, position.relative_alt)?;
             mission.goes_on(join.waypoint, &position_m)
@@ -209,7 +193,7 @@ impl Pilot {
         let target = match goes_on {
             Some([item, last]) => {
                 let next = mission.stops.iter().find(|next| next.item > last);
-                Some((mission.way_in.unwrap_or(item), next.map_or(last + 1, |next| next.item)))
+                Some((item, next.map_or(last + 1, |next| next.item)))
             }
             // On its way to the beginning of the plan: the way out, not another take-off.
             None if self.is_airborne() => mission.stops.first().map(|stop| (stop.begins.saturating_sub(1), stop.item)),
@@ -231,21 +215,44 @@ impl Pilot {
         if let Some(Join { waypoint, off_m }) = join {
             self.notices.push(Notice::Joined { epoch, waypoint, item, off_m });
         }
-        if self.wanted.as_ref().is_some_and(|wanted| is_same(epoch, &mission.plan, wanted)) {
+        let is_first = self.progress.is_none();
+        let is_wanted = self.go_over(mission, join);
+        if is_first && self.options.starts {
+            self.orders.extend([Order::Arm, Order::Mission]);
+        } else if is_wanted && self.held.take().is_some() {
+            // Not where it was told to hold while this mission went up.
+            self.orders.push_back(Order::Mission);
+        }
+    }
+
+    /// The autopilot has a mission, and does not go on with the item that it was told to.
+    fn on_unset(&mut self, mission: Arc<Mission>, join: Option<Join>, error: OrderError, now: Duration) {
+        let is_wanted = self.wants(&mission);
+        if self.progress.is_none() || (is_wanted && self.attempt < ATTEMPTS) {
+            return self.on_failed(&mission, true, error.into(), now);
+        }
+        // The mission before is gone: this one is followed, from whatever item it is flown.
+        self.notices.push(Notice::Disobeyed(error));
+        self.go_over(mission, join);
+    }
+
+    /// Follows another mission; whether it is the one that is wanted still.
+    fn go_over(&mut self, mission: Arc<Mission>, join: Option<Join>) -> bool {
+        let is_wanted = self.wants(&mission);
+        if is_wanted {
             self.wanted = None;
         }
         self.attempt = 0;
         self.at_rest = None;
-        let is_first = self.progress.is_none();
         let before = self.progress.take();
         let fix: Option<Fix> = before.as_ref().and_then(|before| before.fix);
         let is_fed = before.is_some_and(|before| before.is_fed);
         self.progress = Some(Progress::new(mission, join.map(|join| join.waypoint), fix, is_fed));
-        if is_first && self.options.starts {
-            self.orders.extend([Order::Arm, Order::Mission]);
-        } else if std::mem::take(&mut self.is_held) {
-            self.orders.push_back(Order::Mission);
-        }
+        is_wanted
+    }
+
+    fn wants(&self, mission: &Mission) -> bool {
+        self.wanted.as_ref().is_some_and(|wanted| is_same(mission.epoch, &mission.plan, wanted))
     }
 
     /// An upload has failed: it is tried again if it may pass. Else an aircraft in the air flies on along the plan before.
@@ -257,19 +264,13 @@ impl Pilot {
             return self.notices.push(Notice::Again { epoch, why: error.to_string() });
         }
         self.wanted = None;
-        match &self.progress {
-            Some(progress) if progress.is_under_way() => self.notices.push(Notice::Kept { epoch, why: error.to_string() }),
-            _ => self.end(Err(error)),
-        }
+        if self.is_in_flight() { self.keep(epoch, error.to_string()) } else { self.end(Err(error)) }
     }
 
     /// A plan that does not become a mission.
     fn on_unfit(&mut self, new: &NewPlan, error: MissionError) {
         self.wanted = None;
-        match &self.progress {
-            Some(_) => self.notices.push(Notice::Kept { epoch: new.epoch, why: error.to_string() }),
-            None => self.end(Err(error.into())),
-        }
+        if self.progress.is_some() { self.keep(new.epoch, error.to_string()) } else { self.end(Err(error.into())) }
     }
 
     fn give_orders(&mut self, vehicle: Vehicle, now: Duration) {
@@ -279,11 +280,13 @@ impl Pilot {
                 Ok(()) => self.notices.extend(order.map(Notice::Obeyed)),
                 Err(error) => {
                     self.orders.clear();
-                    let is_start = self.progress.as_ref().is_some_and(|progress| !progress.is_under_way());
-                    if is_start {
+                    if !self.is_in_flight() {
                         return self.end(Err(error.into()));
                     }
                     self.notices.push(Notice::Disobeyed(error));
+                    if order == Some(Order::Hold) {
+                        self.let_go("the aircraft is far from it and does not hold");
+                    }
                 }
             }
         }
@@ -294,13 +297,13 @@ impl Pilot {
             self.out.push(first);
             self.command = Some(command);
         }
-        let is_done = self.command.is_none() && self.orders.is_empty() && matches!(self.work, Work::Idle);
+        let is_done = self.has_obeyed() && matches!(self.work, Work::Idle);
         if !self.options.follows && is_done && self.progress.is_some() && self.wanted.is_none() {
             self.end(Ok(End::Uploaded));
         }
     }
 
-    fn is_airborne(&self) -> bool {
+    pub(super) fn is_airborne(&self) -> bool {
         let is_up = self.position.as_ref().is_some_and(|(position, _)| position.relative_alt > AIRBORNE_MM);
         is_up && self.vehicle.is_some_and(|vehicle| vehicle.is_armed)
     }

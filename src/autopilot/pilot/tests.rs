@@ -1,3 +1,5 @@
+mod holds;
+
 use nalgebra::{Point3, Vector3};
 
 use super::*;
@@ -11,6 +13,11 @@ use crate::trajectory::plan::Plan;
 const AIRCRAFT: Address = Address { system: 1, component: 1 };
 const OTHER: Address = Address { system: 255, component: 190 };
 const STEP: Duration = Duration::from_millis(20);
+/// PX4's modes, and the orders to go over to them.
+const MISSION: u32 = 0x0404_0000;
+const LOITER: u32 = 0x0304_0000;
+const FLY: [f32; 3] = [1.0, 4.0, 4.0];
+const HOLD: [f32; 3] = [1.0, 4.0, 3.0];
 
 fn options() -> PilotOptions {
     PilotOptions {
@@ -49,6 +56,11 @@ struct Field {
     stops_at: usize,
     position: GLOBAL_POSITION_INT_DATA,
     commands: Vec<[f32; 3]>,
+    /// It takes no mission, does not hold, and does not go on with the item that it is told to.
+    rejects: bool,
+    refuses_hold: bool,
+    ignores_set: bool,
+    mode: u32,
     kind: MavAutopilot,
     notices: Vec<Notice>,
 }
@@ -67,6 +79,10 @@ impl Field {
             stops_at: usize::MAX,
             position: GLOBAL_POSITION_INT_DATA::DEFAULT,
             commands: Vec::new(),
+            rejects: false,
+            refuses_hold: false,
+            ignores_set: false,
+            mode: MISSION,
             kind: MavAutopilot::MAV_AUTOPILOT_PX4,
             notices: Vec::new(),
         }
@@ -117,7 +133,7 @@ impl Field {
         let base_mode = if self.is_armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { MavModeFlag::empty() };
         let MavMessage::HEARTBEAT(ours) = contact::heartbeat() else { panic!("a heartbeat") };
         let mavtype = MavType::MAV_TYPE_QUADROTOR;
-        MavMessage::HEARTBEAT(HEARTBEAT_DATA { autopilot: self.kind, mavtype, base_mode, custom_mode: 0x0404_0000, ..ours })
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA { autopilot: self.kind, mavtype, base_mode, custom_mode: self.mode, ..ours })
     }
 
     fn say(&mut self, message: &MavMessage) {
@@ -137,6 +153,11 @@ impl Field {
             MavMessage::MISSION_REQUEST_INT(data)
         };
         match message {
+            MavMessage::MISSION_COUNT(_) if self.rejects => {
+                let mavtype = MavMissionResult::MAV_MISSION_NO_SPACE;
+                let ack = MISSION_ACK_DATA { target_system, target_component, mavtype, ..MISSION_ACK_DATA::DEFAULT };
+                self.say(&MavMessage::MISSION_ACK(ack));
+            }
             MavMessage::MISSION_COUNT(count) => {
                 (self.count, self.arriving) = (usize::from(count.count), Vec::new());
                 self.say(&request(0));
@@ -157,14 +178,13 @@ impl Field {
                     }));
                 }
             }
-            MavMessage::MISSION_SET_CURRENT(set) => self.current = usize::from(set.seq),
+            MavMessage::MISSION_SET_CURRENT(set) if !self.ignores_set => self.current = usize::from(set.seq),
             MavMessage::COMMAND_LONG(command) if command.command != MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                self.commands.push([command.param1, command.param2, command.param3]);
-                let ack = COMMAND_ACK_DATA {
-                    command: command.command,
-                    result: MavResult::MAV_RESULT_ACCEPTED,
-                    ..COMMAND_ACK_DATA::DEFAULT
-                };
+                let params = [command.param1, command.param2, command.param3];
+                self.commands.push(params);
+                let is_refused = self.refuses_hold && params == HOLD;
+                let result = if is_refused { MavResult::MAV_RESULT_DENIED } else { MavResult::MAV_RESULT_ACCEPTED };
+                let ack = COMMAND_ACK_DATA { command: command.command, result, ..COMMAND_ACK_DATA::DEFAULT };
                 self.say(&MavMessage::COMMAND_ACK(ack));
             }
             _ => {}
@@ -188,6 +208,25 @@ impl Field {
         self.place(plan, at);
         self.current = self.item_of(plan, waypoint);
         self.run(1.0);
+    }
+
+    /// A field whose aircraft is on its way to the fourth waypoint of a plan, epoch 5.
+    fn on_the_way(options: PilotOptions, old: &Arc<Plan>) -> Self {
+        let mut field = Self::new(options);
+        field.place(old, [0.0, 0.0, 0.0]);
+        field.fly(5, old, None);
+        field.run(2.0);
+        field.head_to(old, 4, [170.0, 1.0, 40.0]);
+        field
+    }
+
+    /// The plans that are not flown, and whether the aircraft holds instead.
+    fn kept(&self) -> Vec<(u64, bool)> {
+        let kept = |notice: &Notice| match notice {
+            Notice::Kept { epoch, is_held, .. } => Some((*epoch, *is_held)),
+            _ => None,
+        };
+        self.notices.iter().filter_map(kept).collect()
     }
 
     fn joined(&self) -> Option<(u64, usize)> {
@@ -268,58 +307,6 @@ fn an_upload_gives_way_to_a_newer_plan_and_begins_again_when_the_link_is_back() 
     field.is_silent = true;
     field.run(100.0);
     assert!(matches!(field.pilot.outcome(), Some(Err(PilotError::Lost { .. }))), "not for ever");
-}
-
-#[test]
-fn a_path_far_away_is_reached_over_everything() {
-    let (old, far) = (plan(&corners(0.0)), plan(&[[150.0, 200.0, 30.0], [250.0, 200.0, 30.0], [250.0, 260.0, 30.0]]));
-    let mut field = Field::new(options());
-    field.place(&old, [0.0, 0.0, 0.0]);
-    field.fly(5, &old, None);
-    field.run(2.0);
-    field.head_to(&old, 4, [170.0, 1.0, 40.0]);
-    field.fly(6, &far, Some((5, 0)));
-    field.run(3.0);
-    assert_eq!(field.commands, [[1.0, 4.0, 3.0]], "it holds");
-    assert!(
-        field.notices.iter().any(|notice| matches!(notice, Notice::FarOff { off_m } if *off_m > 190.0)),
-        "{:?}",
-        field.notices
-    );
-    assert_eq!(field.joined(), None, "and nothing is uploaded while it moves");
-    (field.position.vx, field.position.vy) = (20, 0);
-    field.run(3.0);
-    assert_eq!((field.joined(), field.commands.last()), (Some((6, 1)), Some(&[1.0, 4.0, 4.0])), "{:?}", field.notices);
-    // Up where it is, across, and down to the path, with the camera off.
-    let frame = crate::frame::LocalFrame { origin: far.scene.origin };
-    let way = &field.mission[field.current..=field.item_of(&far, 1)];
-    assert_eq!((way[0].command, way[0].param1), (MavCmd::MAV_CMD_DO_SET_CAM_TRIGG_DIST, 0.0));
-    let places = way.iter().filter(|item| item.command == MavCmd::MAV_CMD_NAV_WAYPOINT).map(|item| {
-        let place = crate::frame::Geodetic { lat_deg: f64::from(item.x) * 1e-7, lon_deg: f64::from(item.y) * 1e-7, alt_m: 3.5 };
-        let at = frame.local_from_geodetic(&place).unwrap();
-        [at.x.round(), at.y.round(), f64::from(item.z).round()]
-    });
-    assert_eq!(places.collect::<Vec<_>>(), [[170.0, 1.0, 40.0], [250.0, 200.0, 40.0], [250.0, 200.0, 30.0]]);
-}
-
-#[test]
-fn without_a_flight_it_holds_and_goes_on_when_there_is_one_again() {
-    let (old, bent) = (plan(&corners(0.0)), plan(&corners(30.0)));
-    let mut field = Field::new(options());
-    field.place(&old, [0.0, 0.0, 0.0]);
-    field.fly(5, &old, None);
-    field.run(2.0);
-    field.pilot.hold();
-    field.run(1.0);
-    assert!(field.commands.is_empty(), "on the ground there is nothing to hold");
-    field.head_to(&old, 4, [170.0, 1.0, 40.0]);
-    field.pilot.hold();
-    field.pilot.hold();
-    field.run(1.0);
-    assert_eq!(field.commands, [[1.0, 4.0, 3.0]], "PX4 loiters");
-    field.fly(6, &bent, Some((5, 7)));
-    field.run(2.0);
-    assert_eq!(field.commands, [[1.0, 4.0, 3.0], [1.0, 4.0, 4.0]], "and flies on");
 }
 
 #[test]

@@ -41,7 +41,7 @@ pub struct CourseArgs {
     /// From where heights count
     #[arg(long, value_enum, default_value_t = AltitudeChoice::Relative)]
     pub altitude: AltitudeChoice,
-    /// TOML file whose keys replace the built-in values
+    /// TOML file whose keys replace the built-in values [default: the settings that a plan.json was made with]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }
@@ -53,6 +53,7 @@ impl CourseArgs {
             sortie_s: self.sortie_time,
             home: self.home.map(|home| home.0),
             altitudes: self.altitude.into(),
+            in_flight: false,
         }
     }
 }

@@ -52,8 +52,10 @@ pub enum AutopilotChoice {
 #[command(
     after_help = "Missions are divided into sorties, one for each battery: each climbs at the take-off place to a height above everything, goes to where the one before \
     has ended, sets speed, camera trigger and gimbal, and comes home the same way. The battery is what the plan's rig has (`battery_percent`), or `--sortie-time`.\n\n\
-    The scene is the file that the run.json beside PLAN names, or `--scene`; without one nothing is known of structures and no-fly zones on the ways out and home. With it, these \
-    ways lead around no-fly zones, zones beside the flight become a geofence, and a way that something stands in is refused.\n\n\
+    The scene is the file that the run.json beside PLAN names, or `--scene`, with the settings in that run.json, or those of `--config`; \
+    without a scene nothing is known of structures and no-fly zones on the ways out and home, and the take-off place is taken to lie at its \
+    zero, the lowest ground (`--home LAT,LON,ALT` gives its height). With it, these ways lead around no-fly zones, zones beside the flight \
+    become a geofence, and a way that something stands in is refused.\n\n\
     Absolute heights start from `origin.alt_m` of the plan, the ground's height in the vertical reference of the scene's file (0 where the file has none); no geoid is \
     applied. Heights above the terrain (`--altitude terrain`) are those above the ground of the scene; an ArduPilot counts them from its own terrain data, Litchi from its own for \
     each waypoint, and where the ground between two waypoints would lead an aircraft more than half a metre from the straight leg, ArduPilot's missions have waypoints in \

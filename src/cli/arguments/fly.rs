@@ -16,8 +16,10 @@ use crate::cli::values::{self, Meters3};
     changed, or where the aircraft is nearest to a path that begins at its pose. Where a change of the scene leaves no flight, the aircraft is told to hold.\n\n\
     Ctrl-C ends this program; the autopilot flies on by itself. The take-off place is where the aircraft stands unless --home says otherwise. The ways out and home keep \
     above all waypoints, above all that stands in the scene, and out of its no-fly zones; the scene is what --scene gives, or for a plan.json the file that it was made on. Edits \
-    of a loaded scene are not in that file: the waypoints keep clear of what they bring, the ways out and home know nothing of it. An aircraft that is far from a newer path holds, \
-    climbs above everything, flies across and comes down to it.\n\n\
+    of a loaded scene are not in that file: the waypoints keep clear of what they bring, the ways out and home know nothing of it. Without a \
+    scene the take-off place is taken to lie at its zero, the lowest ground: over hilly ground give --scene, or --home LAT,LON,ALT. An \
+    aircraft that is far from a newer path holds (not one that was in the air when this program started), climbs above everything, flies \
+    across and comes down where a leg of it begins.\n\n\
     With --json each line is an object with the key `event`: found, note, uploading, uploaded, joined, far_off, superseded, again, kept, progress, link_lost, link_back, \
     obeyed, disobeyed, mode, said, infeasible, daemon_lost, daemon_back, daemon_refused, and at the end uploaded_only, flown, landed or stopped.\n\nExamples:\n  \
     overfly fly town --link udpin:0.0.0.0:14540\n  \

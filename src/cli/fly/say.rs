@@ -29,7 +29,7 @@ pub fn notice(notice: &Notice) -> Answer {
             format!("{}: {}, {}", name(*autopilot), vehicle, if *is_armed { "armed" } else { "disarmed" }),
             json!({ "system": vehicle.system, "component": vehicle.component, "autopilot": name(*autopilot), "armed": is_armed }),
         ),
-        Notice::Note(text) => line("note", format!("note: {text}"), json!({ "message": text })),
+        Notice::Note(text) => note(text),
         Notice::Uploading { epoch, items, attempt } => line(
             "uploading",
             format!(
@@ -68,11 +68,11 @@ pub fn notice(notice: &Notice) -> Answer {
         Notice::Again { epoch, why } => {
             line("again", format!("{} is uploaded again: {why}", plan(*epoch)), json!({ "epoch": epoch, "message": why }))
         }
-        Notice::Kept { epoch, why } => line(
-            "kept",
-            format!("{} is not flown, the one before is flown on: {why}", plan(*epoch)),
-            json!({ "epoch": epoch, "message": why }),
-        ),
+        Notice::Kept { epoch, why, is_held } => {
+            let instead = if *is_held { "the aircraft holds" } else { "the one before is flown on" };
+            let text = format!("{} is not flown, {instead}: {why}", plan(*epoch));
+            line("kept", text, json!({ "epoch": epoch, "message": why, "holds": is_held }))
+        }
         Notice::LinkLost { silent } => {
             let silent_s = silent.as_secs_f64();
             let text =
@@ -92,6 +92,10 @@ pub fn notice(notice: &Notice) -> Answer {
         ),
         Notice::Said(text) => line("said", format!("the autopilot says: {text}"), json!({ "message": text })),
     }
+}
+
+pub fn note(text: &str) -> Answer {
+    line("note", format!("note: {text}"), json!({ "message": text }))
 }
 
 pub fn word(word: &Word) -> Answer {

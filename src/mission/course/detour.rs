@@ -89,11 +89,10 @@ impl<'a> Ways<'a> {
         let start = self.start;
         let mut corners: Vec<Point3<f64>> =
             self.barred.iter().flat_map(Barred::corners).map(|at| Point3::new(at.x, at.y, start.z)).collect();
-        let is_clear = |at: &Point3<f64>| self.barred.iter().all(|barred| barred.distance_m(at) >= MARGIN_M / 2.0);
-        corners.retain(is_clear);
         corners.sort_by(|a, b| (a - start).norm().total_cmp(&(b - start).norm()));
-        corners.truncate(MOST_NODES);
-        let unreached = corners.into_iter().map(|at| Node { at, length_m: f64::INFINITY, before: None });
+        let is_clear = |at: &Point3<f64>| self.barred.iter().all(|barred| barred.is_clear(at));
+        let nearest = corners.into_iter().filter(is_clear).take(MOST_NODES);
+        let unreached = nearest.map(|at| Node { at, length_m: f64::INFINITY, before: None });
         let mut nodes: Vec<Node> = std::iter::once(Node { at: start, length_m: 0.0, before: None }).chain(unreached).collect();
         let mut open = BinaryHeap::from([Open { length_m: 0.0, node: 0 }]);
         let mut is_done = vec![false; nodes.len()];
@@ -147,6 +146,13 @@ impl Barred {
             Some(Self { outline, rect })
         };
         zone.outline.iter().filter_map(part).collect()
+    }
+
+    /// Whether a place is no nearer than lines of ways may be.
+    fn is_clear(&self, p: &Point3<f64>) -> bool {
+        let (least, most, by_m) = (self.rect.min(), self.rect.max(), MARGIN_M / 2.0);
+        let is_far = p.x < least.x - by_m || p.x > most.x + by_m || p.y < least.y - by_m || p.y > most.y + by_m;
+        is_far || self.distance_m(p) >= by_m
     }
 
     fn distance_m(&self, p: &Point3<f64>) -> f64 {

@@ -19,9 +19,16 @@ pub struct Reach {
     out_s: Vec<f64>,
     home_s: Vec<f64>,
     /// Corners at the height of transit, from the one behind the take-off place to the place above the waypoint; or what is in the way.
-    ways: Vec<Result<Vec<Point3<f64>>, Obstruction>>,
+    ways: Vec<Result<Vec<Point3<f64>>, Barred>>,
     /// Time that coming to rest, or starting from it, takes longer than passing, at most, s.
     stop_s: f64,
+}
+
+/// What is in the way between the take-off place and a waypoint.
+struct Barred {
+    obstruction: Obstruction,
+    /// In the climb above the waypoint, which no other take-off place changes.
+    is_above: bool,
 }
 
 impl Reach {
@@ -39,12 +46,13 @@ impl Reach {
         let way = |p: &Point3<f64>| {
             let above = Point3::new(p.x, p.y, transit_z_m);
             if let Some(obstruction) = free.and_then(|free| transit::obstruction(free, p, &above)) {
-                return Err(obstruction);
+                return Err(Barred { obstruction, is_above: true });
             }
-            ways.to(&above).map(|corners| corners.into_iter().chain([above]).collect::<Vec<_>>())
+            let corners = ways.to(&above).map_err(|obstruction| Barred { obstruction, is_above: false })?;
+            Ok(corners.into_iter().chain([above]).collect::<Vec<_>>())
         };
-        let ways: Vec<Result<Vec<Point3<f64>>, Obstruction>> = points.iter().map(way).collect();
-        let way_s = |(p, way): (&Point3<f64>, &Result<Vec<Point3<f64>>, Obstruction>), home_mps: f64, own_mps: f64| {
+        let ways: Vec<Result<Vec<Point3<f64>>, Barred>> = points.iter().map(way).collect();
+        let way_s = |(p, way): (&Point3<f64>, &Result<Vec<Point3<f64>>, Barred>), home_mps: f64, own_mps: f64| {
             // It comes to rest at each corner.
             let corners = way.as_deref().unwrap_or(&[]);
             let starts = std::iter::once(home_m).chain(corners);
@@ -67,11 +75,15 @@ impl Reach {
 
     /// An autopilot's own return knows nothing of detours.
     pub fn note(&self, notes: &mut Vec<String>) {
-        let around = self.ways.iter().filter(|way| way.as_ref().map_or(true, |corners| corners.len() > 1)).count();
+        let leads_around = |way: &&Result<Vec<Point3<f64>>, Barred>| match way {
+            Ok(corners) => corners.len() > 1,
+            Err(barred) => matches!(barred.obstruction, Obstruction::Zone(_)),
+        };
+        let around = self.ways.iter().filter(leads_around).count();
         if around > 0 {
             notes.push(format!(
-                "from {around} of {} waypoints the straight way home leads through a no-fly zone or along its border: the mission goes around, but an autopilot that returns by itself \
-                 (battery, lost link) flies straight; take off elsewhere (`--home`) where that must not be",
+                "from {around} of {} waypoints the straight way home leads through a no-fly zone or along its border: the mission goes around, \
+                 but an autopilot that returns by itself (battery, lost link) flies straight; take off elsewhere (`--home`) where that must not be",
                 self.ways.len()
             ));
         }
@@ -83,9 +95,14 @@ impl Reach {
     }
 
     fn check(&self, legs: &Legs, k: usize) -> Result<(), CourseError> {
-        let Err(obstruction) = self.ways[k].clone() else { return Ok(()) };
-        let what = format!("the way between the take-off place and waypoint {}", legs.kept[k]);
-        Err(CourseError::Obstructed { what, obstruction, remedy: "take off elsewhere, with `--home LAT,LON`" })
+        let Err(Barred { obstruction, is_above }) = &self.ways[k] else { return Ok(()) };
+        let waypoint = legs.kept[k];
+        let (what, remedy) = if *is_above {
+            (format!("the climb above waypoint {waypoint}"), "plan the flight so that it begins and ends under the open sky")
+        } else {
+            (format!("the way between the take-off place and waypoint {waypoint}"), "take off elsewhere, with `--home LAT,LON`")
+        };
+        Err(CourseError::Obstructed { what, obstruction: obstruction.clone(), remedy })
     }
 }
 
@@ -111,10 +128,13 @@ impl Times {
     }
 }
 
-/// The first and the last waypoint of each sortie. Each goes as far as it can and ends where the way home is free.
-pub fn split(legs: &Legs, reach: &Reach, times: &Times) -> Result<Vec<(usize, usize)>, CourseError> {
+/// The first and the last waypoint of each sortie. Each goes as far as it can and ends where the way home is free; a flight that goes on in
+/// the air needs no way out to where it begins.
+pub fn split(legs: &Legs, reach: &Reach, times: &Times, in_flight: bool) -> Result<Vec<(usize, usize)>, CourseError> {
     let last = legs.path.len() - 1;
-    reach.check(legs, 0)?;
+    if !in_flight {
+        reach.check(legs, 0)?;
+    }
     reach.check(legs, last)?;
     let Some(most_s) = times.most_s else { return Ok(vec![(0, last)]) };
     let mut parts = Vec::new();

@@ -282,3 +282,66 @@ fn on_a_hill_an_aircraft_takes_off_from_the_ground_there() {
     let chosen = Course::new(&plan, Some(&free), &CourseOptions::default()).unwrap();
     assert!(chosen.home.above_ground_m.abs() < 1e-9, "{:?}", chosen.home);
 }
+
+#[test]
+fn without_the_scene_the_height_of_the_take_off_place_is_said_to_be_guessed() {
+    let plan = plan("panoramic", &[[0.0, 0.0, 30.0], [60.0, 0.0, 40.0]]);
+    let is_noted = |home: Option<HomeChoice>| {
+        let course = Course::new(&plan, None, &CourseOptions { home, ..CourseOptions::default() }).unwrap();
+        course.notes.iter().any(|note| note.contains("lowest ground") && note.contains("--home LAT,LON,ALT"))
+    };
+    let home = |alt_m: Option<f64>| Some(HomeChoice { lat_deg: ORIGIN.lat_deg, lon_deg: ORIGIN.lon_deg, alt_m });
+    assert!(is_noted(None) && is_noted(home(None)) && !is_noted(home(Some(3.5))));
+    let (scene, plan, _) = above_a_block();
+    let known = Course::new(&plan, Some(&free(&scene)), &CourseOptions::default()).unwrap();
+    assert!(known.notes.iter().all(|note| !note.contains("lowest ground")), "{:?}", known.notes);
+}
+
+#[test]
+fn a_take_off_place_that_was_measured_under_the_terrain_is_taken_as_it_is() {
+    let (scene, plan) = over_a_hill();
+    let free = free(&scene);
+    let alt_m = Some(scene.frame.origin.unwrap().alt_m + 57.0);
+    let top = at(&scene, 0.0, 0.0).home.unwrap();
+    let home = Some(HomeChoice { alt_m, ..top });
+    let course = Course::new(&plan, Some(&free), &CourseOptions { home, ..CourseOptions::default() }).unwrap();
+    assert!((course.home.position_m.z - 57.0).abs() < 1e-6, "{:?}", course.home);
+}
+
+#[test]
+fn a_descent_through_a_zone_is_no_way_to_a_path() {
+    let (mut scene, plan, top_m) = above_a_block();
+    let course = Course::new(&plan, Some(&free(&scene)), &CourseOptions::default()).unwrap();
+    let (from_m, to_m) = (Point3::new(-100.0, 0.0, top_m + 8.0), Point3::new(40.0, 0.0, top_m + 8.0));
+    let way = course.way_over(&plan, Some(&free(&scene)), &from_m, &to_m).unwrap();
+    let above_m = way.last().unwrap().position_m.z;
+    scene.zones.push(zone("lid", [35.0, -5.0, 45.0, 5.0], top_m + 8.5, above_m - 0.5));
+    let refused = course.way_over(&plan, Some(&free(&scene)), &from_m, &to_m);
+    assert!(matches!(&refused, Err(CourseError::Obstructed { what, .. }) if what.contains("descent")), "{refused:?}");
+}
+
+#[test]
+fn a_flight_that_goes_on_needs_no_way_out_to_where_it_begins() {
+    let (mut scene, plan, top_m) = above_a_block();
+    scene.zones.push(zone("lid", [-45.0, -5.0, -35.0, 5.0], top_m + 8.5, f64::MAX));
+    let free = free(&scene);
+    let options = CourseOptions { home: at(&scene, -100.0, -100.0).home, ..CourseOptions::default() };
+    let refused = Course::new(&plan, Some(&free), &options).unwrap_err();
+    let words = refused.to_string();
+    assert!(words.contains("the climb above waypoint 0") && !words.contains("--home"), "{words}");
+    let course = Course::new(&plan, Some(&free), &CourseOptions { in_flight: true, ..options }).unwrap();
+    let sortie = &course.sorties[0];
+    assert!(sortie.out.is_empty() && !sortie.back.is_empty() && sortie.stops.len() == plan.waypoints.len());
+}
+
+#[test]
+fn only_zones_count_as_zones_on_the_way_home() {
+    let (scene, _, top_m) = above_a_block();
+    let inside = scene.structures.iter().map(|structure| structure.bounds()).find(|bounds| bounds.min.z <= 0.0).unwrap();
+    let inside = nalgebra::center(&inside.min, &inside.max);
+    let z = top_m + 8.0;
+    let mut plan = self::plan("panoramic", &[[-40.0, 0.0, z], inside.into(), [40.0, 60.0, z]]);
+    plan.scene.origin = scene.frame.origin;
+    let course = Course::new(&plan, Some(&free(&scene)), &CourseOptions::default()).unwrap();
+    assert!(course.notes.iter().all(|note| !note.contains("straight way home")), "{:?}", course.notes);
+}

@@ -53,6 +53,13 @@ pub fn home(
     notes: &mut Vec<String>,
 ) -> Result<Point3<f64>, CourseError> {
     let first = path.first().copied().unwrap_or_else(Point3::origin);
+    if free.is_none() && choice.is_none_or(|choice| choice.alt_m.is_none()) {
+        notes.push(
+            "the take-off place is taken to lie at the scene's zero (its lowest ground), and all heights count from there; over hilly ground \
+             give the scene with `--scene`, or the height of the place with `--home LAT,LON,ALT`"
+                .to_owned(),
+        );
+    }
     match choice {
         Some(choice) => given_home(frame, &first, path, free, choice, notes),
         None => Ok(chosen_home(&first, path, free, notes)),
@@ -147,9 +154,10 @@ fn chosen_home(first: &Point3<f64>, path: &[Point3<f64>], free: Option<&FreeSpac
     }
 }
 
-/// The climb at a take-off place.
+/// The climb at a take-off place. The ground that is known may lie a few metres above the real one, and a place that was measured under it.
 fn column(home: &Point3<f64>, path: &[Point3<f64>], free: &FreeSpace) -> (Point3<f64>, Point3<f64>) {
-    let low = Point3::new(home.x, home.y, home.z + ON_GROUND_M);
+    let ground_m = Ground::of(Some(free)).height_m(home.x, home.y);
+    let low = Point3::new(home.x, home.y, home.z.max(ground_m) + ON_GROUND_M);
     (low, Point3::new(home.x, home.y, top_m(path, home, Some(free))[1]))
 }
 
@@ -200,7 +208,8 @@ pub fn fences(
     let course = |sortie: &Sortie| {
         let stops = sortie.stops.iter().map(|stop| &stop.at);
         let places = sortie.out.iter().chain(stops).chain(&sortie.back).map(|place| coord(&place.position_m));
-        let corners: Vec<_> = std::iter::once(coord(&home_m)).chain(places).chain([coord(&home_m)]).collect();
+        let begins = (!sortie.out.is_empty()).then(|| coord(&home_m));
+        let corners: Vec<_> = begins.into_iter().chain(places).chain([coord(&home_m)]).collect();
         corners.windows(2).map(|ends| Line::new(ends[0], ends[1])).collect::<Vec<_>>()
     };
     let lines: Vec<Line<f64>> = sorties.iter().flat_map(course).collect();
@@ -228,6 +237,5 @@ fn fence(frame: &LocalFrame, zone: &NoFlyZone, ring: &LineString<f64>) -> Option
     }
     let place = |corner: &Coord<f64>| frame.geodetic_from_local(&Point3::new(corner.x, corner.y, 0.0));
     let corners: Vec<Geodetic> = corners.iter().map(place).collect::<Option<_>>()?;
-    let (floor_m, ceiling_m) = (zone.floor_m, zone.ceiling_m);
-    (corners.len() >= 3).then(|| Fence { name: zone.name.clone(), corners, floor_m, ceiling_m })
+    (corners.len() >= 3).then(|| Fence { name: zone.name.clone(), corners })
 }

@@ -48,7 +48,9 @@ prop_compose! {
         images in prop::collection::vec(an_image(), 0..20),
         deviation_m in 0.0..=100.0f64, limits in prop::option::of(the_limits()), exposures in any::<[u32; 2]>(), blur_px in number(),
         figures in prop::array::uniform10(number()), battery_percent in prop::option::of(0.0..1e4f64),
-        lens in prop::option::of((1.0..100.0f64, prop::array::uniform2(1.0..50.0f64), prop::array::uniform2(16u32..9000))), pixel_rad in number(), [goal_percent, matched_goal_percent, matched_percent] in prop::array::uniform3(number()), clearance_m in number(),
+        lens in prop::option::of((1.0..100.0f64, prop::array::uniform2(1.0..50.0f64), prop::array::uniform2(16u32..9000))),
+        pixel_rad in number(), clearance_m in number(),
+        [goal_percent, matched_goal_percent, matched_percent] in prop::array::uniform3(number()),
         all_cells in prop::collection::vec((any::<u16>(), any::<u16>()), 0..50),
         convergence in prop::collection::vec(prop::array::uniform4(number()), 0..20),
         stop in prop::sample::select(vec![

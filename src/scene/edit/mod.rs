@@ -91,7 +91,8 @@ pub enum EditError {
     #[error("scene {scene:?} already has a structure {name:?}: give another name, or replace it")]
     NameTaken { scene: String, name: String },
     #[error(
-        "{name:?} cannot stand between {base_m} m and {top_m} m: its base must not lie below the ground, its top must lie at least {LEAST_HEIGHT_M} m above the base and at most {limit_m} m up (`proxy.max_height_m`)"
+        "{name:?} cannot stand between {base_m} m and {top_m} m: its base must not lie below the ground, its top must lie at least \
+         {LEAST_HEIGHT_M} m above the base and at most {limit_m} m up (`proxy.max_height_m`)"
     )]
     Heights { name: String, base_m: f64, top_m: f64, limit_m: f64 },
     #[error(

@@ -2,11 +2,12 @@
 //! as memory or larger, so that they are read from where they lie, a part at a time.
 
 mod cells;
+mod sizes;
 
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use laz::laszip::{LasZipDecompressor, LazItemType, LazVlr};
+use laz::laszip::{LasZipDecompressor, LazVlr};
 
 use self::cells::Cells;
 use super::geo_keys::{self, Reference};
@@ -23,9 +24,6 @@ const BUFFER: usize = 1 << 20;
 
 /// The header of a file has no more bytes than this that are looked at.
 const HEADER: usize = 375;
-
-/// Points that are unpacked at once.
-const POINTS_AT_ONCE: u64 = 10_000;
 
 /// So many points are wanted in a cell, so that few cells stay empty.
 const POINTS_PER_CELL: f64 = 2.0;
@@ -149,6 +147,10 @@ impl Bytes<'_> {
     fn whole(&mut self, at: u64) -> Option<u32> {
         self.at(at, 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
     }
+
+    fn offset(&mut self, at: u64) -> Option<i64> {
+        self.at(at, 8).map(|b| i64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]))
+    }
 }
 
 impl Header {
@@ -205,10 +207,13 @@ impl Header {
 /// How the points of a LAZ file are packed.
 struct Packing {
     laz: LazVlr,
+    /// In chunks, of which there is a table; and those in layers, which say their sizes themselves.
+    is_chunked: bool,
     is_layered: bool,
 }
 
-/// The mark of points that are packed in chunks of layers, which say their sizes themselves.
+/// The marks of points that are packed in chunks, and in chunks of layers.
+const CHUNKED: [u8; 2] = [2, 0];
 const LAYERED: [u8; 2] = [3, 0];
 
 /// The least size of a point of a format.
@@ -234,7 +239,8 @@ fn records(bytes: &mut Bytes, header: &Header) -> Result<(Reference, Option<Pack
             (b"laszip encoded", 22204) => {
                 let read =
                     LazVlr::from_buffer(&data).map_err(|error| format!("how its points are packed is not known ({error})"))?;
-                packing = Some(Packing { laz: read, is_layered: data.starts_with(&LAYERED) });
+                let is_layered = data.starts_with(&LAYERED);
+                packing = Some(Packing { laz: read, is_chunked: is_layered || data.starts_with(&CHUNKED), is_layered });
             }
             _ => {}
         }
@@ -245,62 +251,19 @@ fn records(bytes: &mut Bytes, header: &Header) -> Result<(Reference, Option<Pack
 
 fn unpack(bytes: &mut Bytes, header: &Header, packing: Packing, cells: &mut Cells) -> Result<(), String> {
     let cut = |error: std::io::Error| format!("its packed points are damaged or cut off ({error})");
-    let size = packing.laz.items_size() as usize;
-    if size < least_bytes(header.format) || size > header.record_bytes {
-        return Err("the packed points have another size than the header says".into());
-    }
-    check_sizes(bytes, header, &packing)?;
+    let size = sizes::check(bytes, header, &packing)?;
     let source = bytes.from(header.start).map_err(cut)?;
     let mut points =
         LasZipDecompressor::new(source, packing.laz).map_err(|error| format!("its points cannot be unpacked ({error})"))?;
-    let mut buffer = vec![0; size * POINTS_AT_ONCE.min(header.points) as usize];
+    let at_once = ((BUFFER / size).max(1) as u64).min(header.points);
+    let mut buffer = vec![0; size * at_once as usize];
     let mut left = header.points;
     while left > 0 {
-        let count = left.min(POINTS_AT_ONCE);
+        let count = left.min(at_once);
         let part = &mut buffer[..size * count as usize];
         points.decompress_many(part).map_err(cut)?;
         part.chunks_exact(size).for_each(|point| cells.take(point));
         left -= count;
-    }
-    Ok(())
-}
-
-/// Checks the sizes that the packed points give for tables and layers, before the unpacking library takes memory for them.
-fn check_sizes(bytes: &mut Bytes, header: &Header, Packing { laz, is_layered }: &Packing) -> Result<(), String> {
-    let absurd = || "the packed points are damaged or cut off: a part is larger than the file".to_owned();
-    if let Some(table) = bytes.at(header.start, 8) {
-        let table = i64::from_le_bytes([table[0], table[1], table[2], table[3], table[4], table[5], table[6], table[7]]);
-        let chunks = u64::try_from(table).ok().and_then(|table| bytes.whole(table.checked_add(4)?));
-        if chunks.is_some_and(|chunks| u64::from(chunks) > bytes.length) {
-            return Err(absurd());
-        }
-    }
-    if laz.items().iter().any(|item| item.size() == 0) {
-        return Err("the packed points have parts without a size".into());
-    }
-    if !*is_layered {
-        return Ok(());
-    }
-    let layers = |item: &LazItemType| match item {
-        LazItemType::Point14 => 9,
-        LazItemType::RGB14 | LazItemType::WavePacket14 => 1,
-        LazItemType::RGBNIR14 => 2,
-        LazItemType::Byte14(count) => usize::from(*count),
-        _ => 0,
-    };
-    let layers: usize = laz.items().iter().map(|item| layers(&item.item_type())).sum();
-    let (mut at, mut left) = (header.start + 8, header.points);
-    while left > 0 {
-        // The first point as it is, the number of points, the sizes of the layers, the layers.
-        let sizes = at + laz.items_size() + 4;
-        let count = bytes.whole(sizes - 4).ok_or_else(absurd)?;
-        let of_layers = bytes.at(sizes, 4 * layers).ok_or_else(absurd)?;
-        let of_layers = of_layers.chunks_exact(4).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
-        let end = sizes + 4 * layers as u64 + of_layers.sum::<u64>();
-        if end > bytes.length || count == 0 {
-            return Err(absurd());
-        }
-        (at, left) = (end, left.saturating_sub(u64::from(count)));
     }
     Ok(())
 }

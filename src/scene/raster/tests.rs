@@ -7,7 +7,7 @@ use ::tiff::encoder::{Compression, DeflateLevel, TiffEncoder, TiffValue};
 use ::tiff::tags::Tag;
 use proptest::prelude::*;
 
-use self::scene_files::{las, points};
+use self::scene_files::{las, layered, points};
 use super::*;
 use crate::scene::{Shape, TERRAIN_NAME, Terrain, read, read_anchored, read_over_ground};
 use crate::settings::Settings;
@@ -308,8 +308,10 @@ fn cloud(bytes: &[u8]) -> Result<(Scene, ImportReport), ImportError> {
 
 #[test]
 fn classified_points_tell_ground_roofs_and_trees_apart() {
-    for is_packed in [false, true] {
-        let (scene, report) = cloud(&las(&points([2, 6, 5]), is_packed)).unwrap();
+    let points = points([2, 6, 5]);
+    for bytes in [las(&points, false), las(&points, true), layered(&points, 50_000), layered(&points, 1000), layered(&points, 1)]
+    {
+        let (scene, report) = cloud(&bytes).unwrap();
         let prisms = prisms(&scene);
         let names: Vec<&str> = prisms.iter().map(|prism| prism.0.as_str()).collect();
         assert_eq!(names, ["obstacle-001", "roof-001"], "{}", report.summary());

@@ -8,9 +8,9 @@ export function canDraw() {
         const gl = document.createElement('canvas').getContext('webgl2');
         if (!gl) return null;
         const info = gl.getExtension('WEBGL_debug_renderer_info');
-        const renderer = String(info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER));
+        const name = String(info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER));
         gl.getExtension('WEBGL_lose_context')?.loseContext();
-        return { renderer, isSoftware: /swiftshader|llvmpipe|software|basic render/i.test(renderer) };
+        return { isSoftware: /swiftshader|llvmpipe|software|basic render/i.test(name) };
     } catch {
         return null;
     }
@@ -32,6 +32,7 @@ export class Stage {
         Object.assign(this.controls, { maxPolarAngle: 0.497 * Math.PI, minDistance: 5, screenSpacePanning: false, zoomToCursor: true, rotateSpeed: 0.7 });
         this.controls.addEventListener('change', () => this.invalidate());
         this.labels = [];
+        this.radius = 20;
         this.isDue = false;
         this.frames = 0;
         this.beforeDrawing = [];
@@ -108,7 +109,7 @@ export class Stage {
         this.look({ azimuth: 0, elevation: 89.5, target, distance: this.distance() });
     }
 
-    // From where the camera looks: clockwise from north as seen from the target's north, up from the horizon, degrees.
+    // Which way the camera looks, clockwise from north, and from how far above the horizon, degrees.
     look({ azimuth, elevation, target, distance }) {
         const [a, e] = [azimuth, elevation].map((angle) => (angle * Math.PI) / 180);
         this.controls.target.set(...target);

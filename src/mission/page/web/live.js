@@ -139,6 +139,8 @@
         const found = wanted && (called((name) => name === wanted) ?? called((name) => name.includes(wanted)));
         refused.textContent = found ? '' : `There is no building called “${search.value}”.`;
         if (!found) return;
+        // The page is told as well: what is picked there comes back with every plan.
+        window.overfly.pick(found.id);
         state.picked = found.id;
         tellChosen();
         chosen.querySelector('input').focus();
@@ -251,6 +253,9 @@
         state.status = JSON.parse(event.data);
         tellConnection();
         tellRemoved();
+        // Whoever was to send the path is gone.
+        const { edit: waiting, status: { phase } } = state;
+        if (waiting && ['lost', 'unloaded'].includes(phase)) end(waiting, 'lost', `${waiting.words}: the daemon was lost before a new path came`);
     });
     events.addEventListener('show', (event) => {
         // When plans come faster than they are drawn, only the newest is; but one that has been begun is drawn.

@@ -1,6 +1,9 @@
 //! `overfly view`: the page of a plan, with its scene and without, and of two plans.
 
 mod program;
+mod scene_files;
+
+use std::collections::HashSet;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -50,14 +53,83 @@ fn a_plan_whose_scene_is_gone_is_shown_alone_with_a_remark() {
     let scene = place.scene();
     planned(&place, &scene, "out", &[]);
     std::fs::rename(place.path(&scene), place.path("moved.geojson")).unwrap();
+    let came = place.read("out/plan.html");
     let output = place.run(&["view", "out/plan.json", "--no-open"]);
+    let (said, noted) = (stdout(&output), stderr(&output));
+    assert!(output.status.success() && said.contains("out/plan.html") && !said.contains("wrote"), "{said}");
+    assert!(
+        noted.contains("the page that came with the plan") && noted.contains("--scene") && noted.contains("--out"),
+        "{noted}"
+    );
+    assert_eq!(place.read("out/plan.html"), came, "a page that shows the scene is not overwritten by one that does not");
+    let output = place.run(&["view", "out/plan.json", "--no-open", "--out", "alone.html"]);
     assert!(output.status.success() && stderr(&output).contains("--scene"), "{}", stderr(&output));
-    assert!(stdout(&output).contains("wrote out/plan.html"), "{}", stdout(&output));
-    let alone = data(&place.read("out/plan.html"));
+    let alone = data(&place.read("alone.html"));
     assert_eq!((&alone["flights"][0]["coverage"], &alone["scenes"][0]["structures"]), (&Value::Null, &serde_json::json!([])));
     assert!(f32s(&alone["flights"][0]["path"]["times_s"]).len() > 3);
     place.json(&["view", "out/plan.json", "--scene", "moved.geojson", "--no-open"]);
     assert!(!data(&place.read("out/plan.html"))["flights"][0]["coverage"].is_null());
+}
+
+#[test]
+fn a_page_of_another_plan_is_not_taken_for_that_of_this_one() {
+    let place = Place::new();
+    let scene = place.scene();
+    planned(&place, &scene, "a", &[]);
+    planned(&place, &scene, "b", &["--seed", "4"]);
+    std::fs::rename(place.path(&scene), place.path("moved.geojson")).unwrap();
+    std::fs::copy(place.path("b/plan.html"), place.path("a/plan.html")).unwrap();
+    let output = place.run(&["view", "a/plan.json", "--no-open"]);
+    assert!(stdout(&output).contains("wrote a/plan.html"), "{}", stdout(&output));
+    assert_eq!(data(&place.read("a/plan.html"))["flights"][0]["coverage"], Value::Null);
+}
+
+#[test]
+fn a_plan_that_follows_edits_is_shown_in_the_scene_that_is_given() {
+    let place = Place::new();
+    let scene = place.scene();
+    planned(&place, &scene, "out", &[]);
+    let mut plan: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
+    plan["scene"]["revision"] = 3.into();
+    std::fs::create_dir(place.path("edited")).unwrap();
+    std::fs::write(place.path("edited/plan.json"), plan.to_string()).unwrap();
+    place.json(&["view", "edited/plan.json", "--scene", &scene, "--no-open"]);
+    let page = data(&place.read("edited/plan.html"));
+    assert_eq!((&page["flights"][0]["revision"], &page["scenes"][0]["revision"]), (&3.into(), &3.into()));
+    let note = page["flights"][0]["notes"][0].as_str().unwrap();
+    assert!(note.contains("where the plan says"), "figures and picture are told apart on the page: {note}");
+    assert!(!page["flights"][0]["coverage"].is_null());
+}
+
+#[test]
+fn a_surface_model_is_read_over_the_ground_that_its_plan_was_made_on() {
+    let place = Place::new();
+    let slope = |column: u32| 3.0 + 0.15 * column as f32;
+    let house = |column, row| (20..40).contains(&column) && (30..50).contains(&row);
+    let surface = scene_files::raster(80, |column, row| slope(column) + if house(column, row) { 9.0 } else { 0.0 });
+    // The ground is deeper than the surface lets anybody guess, so that it makes a difference.
+    let ground = scene_files::raster(80, |column, _| slope(column) - 2.0);
+    for (name, bytes) in
+        [("surface.tif", &surface), ("ground.tif", &ground), ("town_dsm.tif", &surface), ("town_dtm.tif", &ground)]
+    {
+        std::fs::write(place.path(name), bytes).unwrap();
+    }
+    planned(&place, "surface.tif", "out", &["--dtm", "ground.tif"]);
+    place.json(&["view", "out/plan.json", "--no-open", "--out", "again.html"]);
+    let [came, again] = ["out/plan.html", "again.html"].map(|file| data(&place.read(file)));
+    assert_eq!(came["scenes"][0], again["scenes"][0]);
+    // The same model of the ground is found by its name.
+    let figures = |words: &[&str]| {
+        let mut quality = place.json(&[&["evaluate", "out/plan.json"], words].concat());
+        quality["truth"] = Value::Null;
+        quality
+    };
+    assert_eq!(figures(&[]), figures(&["--truth", "town_dsm.tif"]));
+}
+
+/// The three coordinates of each sample, as they stand in a page.
+fn samples(surface: &Value) -> HashSet<[u32; 3]> {
+    f32s(&surface["positions_m"]).chunks_exact(3).map(|at| [at[0], at[1], at[2]].map(f32::to_bits)).collect()
 }
 
 #[test]
@@ -66,17 +138,71 @@ fn two_plans_share_a_page_and_their_scene_where_it_is_the_same() {
     let scene = place.scene();
     planned(&place, &scene, "a", &[]);
     planned(&place, &scene, "b", &["--seed", "4"]);
-    let taller = String::from_utf8(place.read(&scene)).unwrap().replace("24.0", "31.0");
-    std::fs::write(place.path("taller.geojson"), taller).unwrap();
-    planned(&place, "taller.geojson", "c", &[]);
     let answer = place.json(&["view", "a/plan.json", "b/plan.json", "--no-open"]);
     assert_eq!(answer["files"], serde_json::json!(["a/plan-vs-b.html"]));
     let page = data(&place.read("a/plan-vs-b.html"));
     assert_eq!([page["scenes"].as_array().unwrap().len(), page["surfaces"].as_array().unwrap().len()], [1, 1]);
     assert_ne!(page["flights"][0]["path"], page["flights"][1]["path"]);
-    place.json(&["view", "a/plan.json", "c/plan.json", "--no-open", "--out", "ac.html"]);
-    let page = data(&place.read("ac.html"));
-    assert_eq!([page["scenes"].as_array().unwrap().len(), page["surfaces"].as_array().unwrap().len()], [2, 2]);
+}
+
+#[test]
+fn plans_of_two_scenes_are_shown_in_one_frame_and_on_the_samples_that_both_have() {
+    let place = Place::new();
+    let scene = place.scene();
+    planned(&place, &scene, "a", &[]);
+    // The inn is moved to the east and north, and so is the middle of the town, its origin.
+    let mut town: Value = serde_json::from_slice(&place.read(&scene)).unwrap();
+    for corner in town["features"][3]["geometry"]["coordinates"][0].as_array_mut().unwrap() {
+        *corner = serde_json::json!([corner[0].as_f64().unwrap() + 0.0004, corner[1].as_f64().unwrap() + 0.0002]);
+    }
+    std::fs::write(place.path("moved.geojson"), town.to_string()).unwrap();
+    planned(&place, "moved.geojson", "b", &[]);
+    let alone = data(&place.read("b/plan.html"));
+    place.json(&["view", "a/plan.json", "b/plan.json", "--no-open", "--out", "both.html"]);
+    let page = data(&place.read("both.html"));
+    let [a, b] = [&page["scenes"][0], &page["scenes"][1]];
+    assert_eq!(a["origin"], b["origin"]);
+    assert_ne!(b["origin"], alone["scenes"][0]["origin"]);
+    let start = |page: &Value, flight: usize| f32s(&page["flights"][flight]["waypoints_m"])[0];
+    assert!((start(&page, 1) - start(&alone, 0)).abs() > 5.0, "the path is shifted with its scene");
+    let [first, second] = [0, 1].map(|k| samples(&page["surfaces"][k]));
+    let common = first.intersection(&second).count();
+    assert!(2 * common > first.len() && common < first.len(), "{common} of {} and {}", first.len(), second.len());
+    assert_eq!(page["flights"][1]["apart"], Value::Null);
+    // Other settings mean other samples, and nobody is told that they are the same.
+    std::fs::write(place.path("near.toml"), "[coverage]\nrange_m = 60.0\n").unwrap();
+    planned(&place, "moved.geojson", "near", &["--config", "near.toml"]);
+    place.json(&["view", "a/plan.json", "near/plan.json", "--no-open", "--out", "apart.html"]);
+    let page = data(&place.read("apart.html"));
+    assert_eq!(page["scenes"][0]["origin"], page["scenes"][1]["origin"]);
+    assert!(
+        page["flights"][1]["apart"].as_str().is_some_and(|why| why.contains("other samples")),
+        "{}",
+        page["flights"][1]["apart"]
+    );
+    // One without its scene is put into the frame of the other.
+    std::fs::remove_file(place.path(&scene)).unwrap();
+    for words in [["a/plan.json", "b/plan.json"], ["b/plan.json", "a/plan.json"]] {
+        place.json(&[&["view"], &words[..], &["--no-open", "--out", "mixed.html"]].concat());
+        let page = data(&place.read("mixed.html"));
+        assert!(
+            page["scenes"].as_array().unwrap().iter().all(|scene| scene["origin"] == alone["scenes"][0]["origin"]),
+            "{words:?}"
+        );
+    }
+}
+
+#[test]
+fn plans_that_have_no_common_frame_are_refused_with_a_remedy() {
+    let place = Place::new();
+    let scene = place.scene();
+    planned(&place, &scene, "a", &[]);
+    let obj = "v 0 0 0\nv 20 0 0\nv 20 15 0\nv 0 15 0\nv 0 0 9\nv 20 0 9\nv 20 15 9\nv 0 15 9\n\
+               f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+    std::fs::write(place.path("hall.obj"), obj).unwrap();
+    planned(&place, "hall.obj", "b", &[]);
+    let message = place.fails(3, "input_file", &["view", "a/plan.json", "b/plan.json", "--no-open"]);
+    assert!(message.contains("hall.obj") && message.contains("--scene"), "{message}");
 }
 
 #[test]

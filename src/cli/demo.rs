@@ -12,7 +12,7 @@ use super::arguments::DemoArgs;
 use super::demo_flight::{self, Flown};
 use super::failure::Failure;
 use super::outputs::{self, FileNames, Flight, Folder};
-use super::pages::Shown;
+use super::pages::{self, Shown};
 use super::private_daemon::PrivateDaemon;
 use super::progress::Meter;
 use super::{daemon, load, plan};
@@ -95,7 +95,8 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     let flight = daemon::flight(&replan, replan_times, Some(edit_to_plan_s), None);
     files.extend(daemon::write(client, folder, &FileNames::with_stem("replan"), &flight)?.0);
     let both = folder.join("replan-vs-plan.html");
-    fs::write(&both, shown(client, "replan", &replan)?.against(before)).map_err(|cause| Failure::write(&both, cause))?;
+    fs::write(&both, pages::page_of(vec![shown(client, "replan", &replan)?, before]))
+        .map_err(|cause| Failure::write(&both, cause))?;
     files.push(both);
     let flown = demo_flight::fly(client, folder, &loaded.scene, message, &mut meter)?;
     files.push(flown.file.clone());
@@ -107,7 +108,7 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
 /// A plan on the field that the daemon has now, which is the plan's.
 fn shown(client: &Client, label: &str, plan: &Plan) -> Result<Shown, Failure> {
     let map = client.field(&plan.scene.name)?;
-    Ok(Shown::on_field(label, &map.table(), plan)?)
+    Ok(Shown::on_field(label, &map.table(), plan, false)?)
 }
 
 /// The structure of median height: raising it changes what its neighbours' walls can be seen from.

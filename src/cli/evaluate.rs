@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::answer::{self, Answer, Form};
 use super::arguments::{EvaluateArgs, ImageChoice};
 use super::failure::Failure;
+use super::in_process::OwnedFiles;
 use super::interrupt::Interrupts;
 use super::outputs::Folder;
 use super::progress::Meter;
@@ -31,9 +32,9 @@ pub fn run(arguments: &EvaluateArgs, form: Form) -> Result<Answer, Failure> {
     settings.check()?;
     let run_file = run_file(&arguments.plan);
     let run = read_run(&run_file, &given);
-    let truth_file = match &arguments.truth {
-        Some(truth) => truth.clone(),
-        None => run.as_ref().map_err(String::clone).and_then(scene_file).map_err(|cause| Failure::UnknownScene {
+    let truth_files = match &arguments.truth {
+        Some(truth) => OwnedFiles::alone(truth),
+        None => run.as_ref().map_err(String::clone).and_then(scene_files).map_err(|cause| Failure::UnknownScene {
             plan: arguments.plan.clone(),
             run: run_file,
             cause,
@@ -50,7 +51,7 @@ pub fn run(arguments: &EvaluateArgs, form: Form) -> Result<Answer, Failure> {
         Interrupts::announced(form, "stopping: nothing is written; Ctrl-C again ends at once", move || stopper.stop());
     let _folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let meter = Meter::new(form);
-    let mut assessed = assess(&given, &truth_file, arguments.images.which(), &settings, &stop, meter)?;
+    let mut assessed = assess(&given, &truth_files, arguments.images.which(), &settings, &stop, meter)?;
     drop(interrupts);
     if let Ok(run) = &run
         && arguments.config.is_none()
@@ -87,7 +88,7 @@ struct Assessed {
 
 fn assess(
     given: &Plan,
-    truth_file: &Path,
+    truth_files: &OwnedFiles,
     which: Which,
     settings: &Settings,
     stop: &StopToken,
@@ -95,7 +96,7 @@ fn assess(
 ) -> Result<Assessed, Failure> {
     meter.keep_moving();
     meter.stage("reading the scene");
-    let (scene, _) = in_process::read_scene(truth_file, settings)?;
+    let (scene, _) = in_process::read_scene_files(&truth_files.borrowed(), settings)?;
     let plan = quality::carried(given, &scene)?;
     quality::check_reach(&plan, &scene, settings.coverage.range_m)?;
     meter.stage("sampling the surface");
@@ -111,7 +112,7 @@ fn assess(
     Ok(Assessed { summary: quality.summary(), plan, truth, quality, flown, notes })
 }
 
-fn interrupted(error: FieldError) -> Failure {
+pub(super) fn interrupted(error: FieldError) -> Failure {
     if error == FieldError::Stopped { Failure::Interrupted } else { Failure::Field(error) }
 }
 
@@ -177,12 +178,16 @@ pub(super) fn read_as_before(mut settings: Settings, run: &Value) -> Settings {
     settings
 }
 
-/// The scene file that it names.
-pub(super) fn scene_file(run: &Value) -> Result<PathBuf, String> {
+/// The scene file that it names, and the model of its ground where one was named.
+pub(super) fn scene_files(run: &Value) -> Result<OwnedFiles, String> {
     let unnamed = || "it names no scene file, as for a scene that a daemon holds".to_owned();
-    let named = run["scene_file"].as_str().ok_or_else(unnamed)?;
-    let file = PathBuf::from(named);
-    if file.is_file() { Ok(file) } else { Err(format!("its scene file {named:?} is gone")) }
+    let there = |named: &str, what: &str| {
+        let file = PathBuf::from(named);
+        if file.is_file() { Ok(file) } else { Err(format!("its {what} {named:?} is gone")) }
+    };
+    let scene = there(run["scene_file"].as_str().ok_or_else(unnamed)?, "scene file")?;
+    let ground = run["ground_file"].as_str().map(|named| there(named, "ground file")).transpose()?;
+    Ok(OwnedFiles { scene, ground })
 }
 
 fn write(folder: &Path, report: &Report, assessed: &Assessed) -> Result<Vec<PathBuf>, Failure> {

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::evaluate::{read_as_before, read_run, run_file, scene_file};
+use super::evaluate::{read_as_before, read_run, run_file, scene_files};
 use super::failure::Failure;
-use super::in_process::{self, SceneFiles};
+use super::in_process::{self, OwnedFiles};
 use super::settings_file;
 use crate::quality;
 use crate::scene::Scene;
@@ -38,17 +38,12 @@ pub fn find(
     let run_file = run_file(plan_file);
     let run = read_run(&run_file, plan);
     let settings = run.as_ref().map_or(settings.clone(), |run| read_as_before(settings.clone(), run));
-    // The model of the ground belongs to the file that it was named for.
-    let ground = run.as_ref().ok().and_then(|run| run["ground_file"].as_str()).map(PathBuf::from).filter(|_| given.is_none());
-    let file = match given {
-        Some(file) => Ok(file.clone()),
-        None => run.and_then(|run| scene_file(&run)).map_err(|cause| format!("{run_file:?}: {cause}")),
+    let files = match given {
+        Some(file) => Ok(OwnedFiles::alone(file)),
+        None => run.and_then(|run| scene_files(&run)).map_err(|cause| format!("{run_file:?}: {cause}")),
     };
-    match file {
-        Ok(file) => {
-            let files = SceneFiles { scene: &file, ground: ground.as_deref() };
-            Ok(Ok(in_process::read_scene_files(&files, &settings)?.0))
-        }
+    match files {
+        Ok(files) => Ok(Ok(in_process::read_scene_files(&files.borrowed(), &settings)?.0)),
         Err(cause) => Ok(Err(cause)),
     }
 }

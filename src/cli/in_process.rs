@@ -16,6 +16,7 @@ use super::failure::Failure;
 use super::progress::Meter;
 use crate::camera::{Rig, direction_of};
 use crate::planner::{self, Method, Objective, PlanOptions, StopToken};
+use crate::scene::anchor::Anchor;
 use crate::scene::{self, GroundFile, ImportReport, Scene};
 use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
@@ -41,6 +42,24 @@ pub struct SceneFiles<'f> {
     pub ground: Option<&'f Path>,
 }
 
+/// The same, kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OwnedFiles {
+    pub scene: PathBuf,
+    pub ground: Option<PathBuf>,
+}
+
+impl OwnedFiles {
+    /// A file that is given: the model of the ground belongs to the file that it was named for.
+    pub fn alone(scene: &Path) -> Self {
+        Self { scene: scene.to_owned(), ground: None }
+    }
+
+    pub fn borrowed(&self) -> SceneFiles<'_> {
+        SceneFiles { scene: &self.scene, ground: self.ground.as_deref() }
+    }
+}
+
 /// Reads a scene file.
 pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportReport), Failure> {
     read_scene_files(&SceneFiles { scene: path, ground: None }, settings)
@@ -48,11 +67,16 @@ pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportRepo
 
 /// The same with the model of the ground that is named, or that stands beside the file.
 pub fn read_scene_files(files: &SceneFiles, settings: &Settings) -> Result<(Scene, ImportReport), Failure> {
+    read_in_frame(files, settings, None)
+}
+
+/// The same, with an anchor in the frame of a scene that was read before.
+pub fn read_in_frame(files: &SceneFiles, settings: &Settings, anchor: Option<&Anchor>) -> Result<(Scene, ImportReport), Failure> {
     // The daemon is told absolute paths too: both give a file without a telling name that of its folder.
     let path = std::path::absolute(files.scene).unwrap_or_else(|_| files.scene.to_owned());
     let name = path.to_string_lossy();
     if let Some(mut cloud) = opened_cloud(files.scene).filter(|_| files.ground.is_none()) {
-        let (mut scene, report) = scene::read_cloud(&name, &mut cloud, &settings.proxy, None)?;
+        let (mut scene, report) = scene::read_cloud(&name, &mut cloud, &settings.proxy, anchor)?;
         scene.name = plain_scene_name(&scene.name);
         return Ok((scene, report));
     }
@@ -63,9 +87,12 @@ pub fn read_scene_files(files: &SceneFiles, settings: &Settings) -> Result<(Scen
         Some(ground) => {
             let (bytes_of_ground, file_name) = (read_bytes(&ground)?, ground.to_string_lossy());
             let ground = GroundFile { file_name: &file_name, bytes: &bytes_of_ground, is_found };
-            scene::read_over_ground(&name, &bytes, &ground, &settings.proxy, None)?
+            scene::read_over_ground(&name, &bytes, &ground, &settings.proxy, anchor)?
         }
-        None => scene::read(&name, &bytes, &settings.proxy)?,
+        None => match anchor {
+            Some(anchor) => scene::read_anchored(&name, &bytes, &settings.proxy, anchor)?,
+            None => scene::read(&name, &bytes, &settings.proxy)?,
+        },
     };
     scene.name = plain_scene_name(&scene.name);
     Ok((scene, report))
@@ -152,7 +179,13 @@ pub fn plan_file(
 /// Samples a scene and builds its field.
 pub fn build_field(scene: Scene, settings: &Arc<Settings>, stop: &StopToken, meter: &mut Meter) -> Result<Snapshot, Failure> {
     meter.stage("sampling the surface");
-    let survey = Session::new(scene, Arc::clone(settings), stop)?.survey(stop)?;
+    field_of(&Session::new(scene, Arc::clone(settings), stop)?, stop, meter)
+}
+
+/// The field of a session's scene.
+pub fn field_of(session: &Session, stop: &StopToken, meter: &mut Meter) -> Result<Snapshot, Failure> {
+    meter.stage("sampling the surface");
+    let survey = session.survey(stop)?;
     Ok(meter.while_casting(stop, || survey.into_snapshot(stop))?)
 }
 

@@ -128,7 +128,10 @@ pub fn write(folder: &Path, names: &FileNames, flight: &Flight, scenery: &Scener
     // The page comes last: whoever waits for the plan has it by then.
     match scenery {
         Scenery::Planned(planned, settings) => put(&names.page, pages::of_planned(planned, settings)?)?,
-        Scenery::Field(field) => put(&names.page, pages::of_field(field, flight.plan)?)?,
+        Scenery::Field(field) => {
+            let is_under_way = flight.order.as_ref().is_some_and(|order| !order["en_route"].is_null());
+            put(&names.page, pages::of_field(field, flight.plan, is_under_way)?)?;
+        }
         Scenery::Gone => {}
     }
     Ok(written)

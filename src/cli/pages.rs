@@ -1,6 +1,10 @@
 //! Pages of plans, from what a command has at hand.
 
+use std::fs;
+use std::path::Path;
+
 use overfly_table::FieldTable;
+use serde_json::Value;
 
 use super::failure::Failure;
 use super::in_process::Planned;
@@ -33,8 +37,8 @@ impl Shown {
     }
 
     /// A plan on the field of its revision, all that a daemon's clients have.
-    pub fn on_field(label: &str, field: &FieldTable, plan: &Plan) -> Result<Self, SvgError> {
-        let sighted = Sighted::by_field(field, plan)?;
+    pub fn on_field(label: &str, field: &FieldTable, plan: &Plan, is_under_way: bool) -> Result<Self, SvgError> {
+        let sighted = Sighted::by_field(field, plan, Some(is_under_way))?;
         let scene = Scene3d::of_field(field).called(&plan.scene.name, plan.scene.revision);
         Ok(Self { scene, flight: page::flight(label, plan, Some(sighted)) })
     }
@@ -45,22 +49,53 @@ impl Shown {
         Self { scene, flight: page::flight(label, plan, None) }
     }
 
-    pub fn page(self) -> Vec<u8> {
-        page::html(&page::data(&self.scene, &[self.flight]), None)
+    /// The same as another revision of its scene.
+    pub fn of_revision(self, name: &str, revision: u64) -> Self {
+        Self { scene: self.scene.called(name, revision), flight: self.flight.of_revision(revision) }
     }
 
-    /// Both on one page.
-    pub fn against(self, other: Self) -> Vec<u8> {
-        page::html(&page::data(&self.scene, &[self.flight, other.flight.through(other.scene)]), None)
+    /// The same with what a reader has to know.
+    pub fn noted(self, notes: &[String]) -> Self {
+        Self { flight: self.flight.noted(notes), ..self }
     }
+
+    /// The same with why what it captures cannot be held against the plan beside it, if it cannot.
+    pub fn apart(self, why: Option<&str>) -> Self {
+        Self { flight: self.flight.apart(why), ..self }
+    }
+
+    pub fn is_alone(&self) -> bool {
+        !self.flight.has_coverage()
+    }
+}
+
+/// The page of one plan, or of both.
+pub fn page_of(shown: Vec<Shown>) -> Vec<u8> {
+    let scene = shown.first().map_or_else(|| Scene3d::empty("", None), |first| first.scene.clone());
+    let flights: Vec<page::Flight> = shown.into_iter().map(|one| one.flight.through(one.scene)).collect();
+    page::html(&page::data(&scene, &flights), None)
+}
+
+/// Whether a page that was written before shows the same flights, each of them in its scene.
+pub fn shows_in_scene(file: &Path, shown: &[Shown]) -> bool {
+    let bytes = fs::read(file).unwrap_or_default();
+    let data: Value = page::data_of(&bytes).and_then(|data| serde_json::from_slice(data).ok()).unwrap_or_default();
+    let flights = data["flights"].as_array().map_or(&[][..], Vec::as_slice);
+    let is_shown = |there: &Value, here: &Shown| {
+        let here = serde_json::to_value(&here.flight).unwrap_or_default();
+        let scene = there["scene"].as_u64().map_or(&Value::Null, |scene| &data["scenes"][scene as usize]);
+        let has_structures = scene["structures"].as_array().is_some_and(|structures| !structures.is_empty());
+        has_structures && ["path", "waypoints_m", "images"].iter().all(|part| there[part] == here[part])
+    };
+    flights.len() == shown.len() && flights.iter().zip(shown).all(|(there, here)| is_shown(there, here))
 }
 
 /// The page of a plan that was made in this process.
 pub fn of_planned(planned: &Planned, settings: &Settings) -> Result<Vec<u8>, Failure> {
-    Ok(Shown::in_scene("plan", &planned.snapshot, settings, &planned.plan, &planned.sightings)?.page())
+    Ok(page_of(vec![Shown::in_scene("plan", &planned.snapshot, settings, &planned.plan, &planned.sightings)?]))
 }
 
 /// The page of a plan that a daemon has made.
-pub fn of_field(field: &FieldTable, plan: &Plan) -> Result<Vec<u8>, Failure> {
-    Ok(Shown::on_field("plan", field, plan)?.page())
+pub fn of_field(field: &FieldTable, plan: &Plan, is_under_way: bool) -> Result<Vec<u8>, Failure> {
+    Ok(page_of(vec![Shown::on_field("plan", field, plan, is_under_way)?]))
 }

@@ -16,6 +16,12 @@ from PIL import Image
 from browser import Program, Shown, browser
 
 CAPTURED = (38, 115, 178)
+# A real town can be looked at after that.
+GOAL_MS = 1000
+
+
+class Skipped(Exception):
+    """What a check needs is not there."""
 
 
 def make_pages(program):
@@ -38,6 +44,7 @@ def make_pages(program):
     (program.folder / "alone").mkdir()
     (program.folder / "alone/plan.json").write_bytes((program.folder / "before/plan.json").read_bytes())
     program.run("view", "alone/plan.json", "--no-open")
+    program.run("view", "before/plan.json", "before/plan.json", "--no-open", "--out", "same.html")
     return {"plan": plan, "first": names[0], "count": len(names)}
 
 
@@ -162,6 +169,10 @@ def structures_tell_of_themselves_and_places_are_measured(running, folder, made)
     nearest = shown.page.evaluate("overfly.nearest()")
     clearance = made["plan"]["clearance_m"]
     assert clearance - 0.02 < nearest, (nearest, clearance)
+    plan = json.loads((folder / "before/plan.json").read_text())
+    lowest = min(row["position_m"][2] for row in plan["trajectory"])
+    # Distances are taken every two metres of the path.
+    assert min(nearest, lowest) < clearance + 0.3, (nearest, lowest, clearance)
     shown.page.mouse.click(canvas["x"] + spot[0], canvas["y"] + spot[1])
     assert shown.page.evaluate("pickedNow.id") == target["id"] and shown.state()["picked"] == target["id"]
     shown.press("m")
@@ -189,6 +200,142 @@ def two_plans_are_compared(running, folder, made):
     assert [end[0] for end in ends] == [0, 1] and ends[0][1] != ends[1][1], ends
     shown.page.check("#plan-both", force=True)
     assert shown.state()["plan"] == "both" and shown.complaints == [], shown.complaints
+    shown.close()
+
+
+# Samples of the shown plan, and those that only A and only B captures.
+DIFFERING = """() => {
+    const found = { A: 0, B: 0, all: 0 };
+    overfly.stage().scene.traverse((part) => part.geometry?.attributes.shares?.array.forEach((value, k) => {
+        if (k % 12 !== 2) return;
+        found.all += 1;
+        if (value !== 0) found[value > 0 ? 'A' : 'B'] += 1;
+    }));
+    return found;
+}"""
+
+
+def colours_and_words_mean_the_same_whichever_plan_is_shown(running, folder, made):
+    shown = Shown(running, folder / "after/plan-vs-before.html")
+    told, only = [], []
+    for _ in range(2):
+        shown.press("a")
+        shown.settle()
+        words = shown.page.evaluate("[...document.querySelectorAll('#overlay .changed')].map((label) => label.textContent).sort()")
+        told.append((words, shown.page.inner_text("#coverage-legend")))
+        only.append(shown.page.evaluate(DIFFERING)["BA"[len(only) == 0]])
+    assert told[0] == told[1] and any("shed: new" in word for word in told[0][0]), told
+    assert min(only) > 0, only
+    shown.close()
+
+
+def plans_that_capture_the_same_do_not_differ(running, folder, made):
+    shown = Shown(running, folder / "same.html")
+    rows = shown.page.inner_text("#compare")
+    assert "Only this one" in rows and rows.count("0 m²") == 2, rows
+    shown.close()
+    # An edit changes what is seen around it, and not the rest of the town.
+    shown = Shown(running, folder / "after/plan-vs-before.html")
+    shown.press("a")
+    found = shown.page.evaluate(DIFFERING)
+    assert 0 < found["A"] + found["B"] < 0.5 * found["all"], found
+    shown.close()
+
+
+def a_picked_structure_stays_picked_while_it_is_there(running, folder, made):
+    shown = Shown(running, folder / "before/plan.html")
+    shown.page.evaluate("window.whole = JSON.parse(document.getElementById('data').textContent)")
+    # The last one, so that what is left has no structure with its number.
+    last = shown.page.evaluate("overfly.pick(whole.scenes[0].structures.at(-1).id), overfly.state().picked")
+    assert last and shown.page.evaluate("whole.scenes[0].structures.at(-1).name") in shown.page.inner_text("#where")
+    shown.page.evaluate(
+        """() => {
+            const less = structuredClone(whole);
+            const gone = less.scenes[0].structures.pop();
+            const bytes = (text) => Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
+            less.scenes[0].triangles = btoa(String.fromCharCode(...bytes(less.scenes[0].triangles).slice(0, -12 * gone.triangles)));
+            overfly.show(less);
+        }"""
+    )
+    assert shown.state()["picked"] is None and shown.state()["structures"] == made["count"] - 1
+    shown.page.evaluate("overfly.show(whole)")
+    assert shown.state()["picked"] == last and shown.complaints == [], shown.complaints
+    shown.close()
+
+
+MESHES = """() => {
+    const found = [];
+    overfly.stage().scene.traverse((part) => part.geometry?.attributes.color && found.push([part.uuid, part.geometry.attributes.color.version]));
+    return found;
+}"""
+
+
+def what_has_not_changed_is_not_made_again(running, folder, made):
+    shown = Shown(running, folder / "before/plan.html")
+    before = shown.page.evaluate(MESHES)
+    assert len(before) == 1, before
+    shown.press("s")
+    assert shown.state()["colour"] == "time" and shown.page.evaluate(MESHES) == before, "only the path has other colours"
+    shown.page.evaluate("{ const data = JSON.parse(document.getElementById('data').textContent); data.scenes[0].revision = 2; overfly.show(data); }")
+    assert shown.page.evaluate(MESHES)[0][0] == before[0][0], "the same scene in another revision"
+    shown.close()
+
+
+def odd_times_do_not_hang_the_page(running, folder, made):
+    shown = Shown(running, folder / "before/plan.html")
+    shown.page.evaluate(
+        """() => {
+            window.odd = (time, duration) => {
+                const data = JSON.parse(document.getElementById('data').textContent);
+                const [flight] = data.flights;
+                const text = (bytes) => Array.from(bytes, (byte) => String.fromCharCode(byte)).join('');
+                const pack = (values) => btoa(text(new Uint8Array(Float32Array.from(values).buffer)));
+                const count = 3000;
+                const all = (times, value) => pack(Array(times * count).fill(value));
+                flight.path = { count, times_s: all(1, time), speeds_mps: all(1, 1), positions_m: all(3, 20) };
+                flight.duration_s = duration;
+                overfly.show(data);
+            };
+        }"""
+    )
+    for time, duration in [(0, 0), (0, 300_000), (1e38, 1e300), ("Infinity", 1e300)]:
+        shown.page.evaluate("([time, duration]) => odd(Number(time), duration)", [time, duration])
+        assert 0 < shown.page.locator("#charts text.time").count() < 20, duration
+    shown.page.evaluate("odd(0, 100.04)")
+    shown.press("End")
+    assert shown.page.evaluate("Number(slider.max) >= 100.04 && overfly.state().time_s === 100.04")
+    assert shown.complaints == [], shown.complaints
+    shown.close()
+
+
+HILL = """(isKnown) => {
+    const data = JSON.parse(document.getElementById('data').textContent);
+    const [scene] = data.scenes;
+    const bytes = (text) => Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
+    const pack = (old, added) => btoa([...bytes(old), ...new Uint8Array(added.buffer)].map((byte) => String.fromCharCode(byte)).join(''));
+    const first = bytes(scene.corners).length / 12;
+    if (isKnown) {
+        scene.corners = pack(scene.corners, Float32Array.from([-400, -400, 30, 400, -400, 30, 400, 400, 30, -400, 400, 30]));
+        scene.triangles = pack(scene.triangles, Uint32Array.from([0, 1, 2, 0, 2, 3].map((corner) => first + corner)));
+        const ring = [[50, 50], [90, 50], [90, 90]];
+        scene.zones = [{ name: 'closed', floor_m: 10, ceiling_m: 60, rings: [ring], area: pack('', Float32Array.from(ring.flat())) }];
+    }
+    scene.structures.push({ id: '1', name: 'terrain', kind: 'terrain', base_m: 30, top_m: 30, triangles: isKnown ? 2 : 0 });
+    scene.is_exact = isKnown;
+    overfly.show(data);
+}"""
+
+
+def heights_over_hills_say_from_where_they_count(running, folder, made):
+    shown = Shown(running, folder / "before/plan.html")
+    shown.page.evaluate(HILL, True)
+    label = shown.page.evaluate("overfly.stage().labels.find((one) => one.element.textContent.startsWith('closed')).at[2]")
+    assert abs(label - 90) < 1e-3, f"a zone counts from the ground below: {label}"
+    assert "over lowest" in shown.page.text_content("#charts")
+    shown.page.evaluate(HILL, False)
+    notes = shown.page.inner_text("#notes")
+    assert "No-fly zones and the legal ceiling are not known here" in notes and "ground is not flat" in notes, notes
+    assert shown.complaints == [], shown.complaints
     shown.close()
 
 
@@ -297,8 +444,7 @@ def a_real_town_is_small_and_soon_there(running, program):
     scenes = Path(os.environ.get("OVERFLY_SCENES", Path(__file__).parents[3] / "shared/scenes")).resolve()
     scene = scenes / "delfshaven/delfshaven.city.json"
     if not scene.is_file():
-        print(f"skipped: no real scene at {scene} (set OVERFLY_SCENES)")
-        return
+        raise Skipped(f"no real scene at {scene} (set OVERFLY_SCENES)")
     program.run("plan", scene, "--iterations", 6, "--out", "delfshaven")
     file = program.folder / "delfshaven/plan.html"
     assert file.stat().st_size < 3_000_000, file.stat().st_size
@@ -308,8 +454,10 @@ def a_real_town_is_small_and_soon_there(running, program):
         times.append(shown.state()["first_frame_ms"])
         shown.close()
     print(f"delfshaven: {file.stat().st_size / 1e6:.2f} MB, first frame after {min(times):.0f} ms (of {', '.join(f'{time:.0f}' for time in times)})")
-    # Interactive within a second is the goal, which a busy machine misses; a page that takes five has something wrong with it.
-    assert min(times) < 5000, times
+    # A busy machine misses the goal; a page that takes three times as long has something wrong with it.
+    if min(times) > GOAL_MS:
+        print(f"the goal of {GOAL_MS} ms is missed")
+    assert min(times) < 3 * GOAL_MS, times
 
 
 CHECKS = [
@@ -320,6 +468,12 @@ CHECKS = [
     charts_jump,
     structures_tell_of_themselves_and_places_are_measured,
     two_plans_are_compared,
+    colours_and_words_mean_the_same_whichever_plan_is_shown,
+    plans_that_capture_the_same_do_not_differ,
+    a_picked_structure_stays_picked_while_it_is_there,
+    what_has_not_changed_is_not_made_again,
+    odd_times_do_not_hang_the_page,
+    heights_over_hills_say_from_where_they_count,
     new_data_keep_camera_and_time,
     a_plan_without_its_scene_says_so,
     light_and_dark_follow_the_system_and_the_switch,
@@ -333,13 +487,16 @@ CHECKS = [
 def main():
     program = Program(sys.argv[1])
     made = make_pages(program)
-    failed = 0
+    failed, skipped = 0, 0
 
     def check(name, *arguments):
-        nonlocal failed
+        nonlocal failed, skipped
         try:
             globals()[name](*arguments)
             print(f"ok: {name.replace('_', ' ')}")
+        except Skipped as why:
+            skipped += 1
+            print(f"skipped: {name.replace('_', ' ')}: {why}")
         except Exception:  # noqa: BLE001 (a check that fails must not hide the others)
             failed += 1
             print(f"FAILED: {name.replace('_', ' ')}")
@@ -351,7 +508,7 @@ def main():
         check("a_real_town_is_small_and_soon_there", running, program)
     check("without_webgl_charts_and_table_are_left", program.folder, made)
     program.close()
-    print(f"{len(CHECKS) + 2 - failed} passed, {failed} failed")
+    print(f"{len(CHECKS) + 2 - failed - skipped} passed, {failed} failed, {skipped} skipped")
     sys.exit(1 if failed else 0)
 
 

@@ -8,6 +8,7 @@ Prints what was tried and how long new paths took from a click, and ends with 1 
 """
 
 import argparse
+import contextlib
 import json
 import os
 import pathlib
@@ -37,6 +38,8 @@ class Daemon:
         log = open(self.folder / "daemon.log", "ab")
         self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stderr=log, cwd=self.folder)
         while self.run("status", check=False).returncode != 0:
+            if self.process.poll() is not None:
+                sys.exit(f"the daemon has ended: {(self.folder / 'daemon.log').read_text()}")
             time.sleep(0.05)
 
     def run(self, *words, check=True):
@@ -50,8 +53,12 @@ class Daemon:
     def structures(self):
         return json.loads(self.run("status", "town").stdout)["structures"]
 
+    def heights(self):
+        return {one["name"]: one["top_m"] for one in self.structures()}
+
     def revision(self):
-        return json.loads(self.run("status").stdout)["scenes"][0]["revision"]
+        scenes = json.loads(self.run("status").stdout)["scenes"]
+        return next(scene["revision"] for scene in scenes if scene["name"] == "town")
 
     def kill(self):
         self.process.kill()
@@ -115,14 +122,14 @@ def click_raises(page, daemon, trial, times):
     before = daemon.revision()
     picked = place_of(page, None)
     trial.check(bool(picked), f"a click picks a building: {picked}")
-    heights = {one["name"]: one["top_m"] for one in daemon.structures()}
+    heights = daemon.heights()
     page.locator("#live-by").fill("15")
     idle(page)
     page.get_by_role("button", name="Raise").click()
     wait_for(page, "live.edit === 'shown'")
     state = live(page)
     trial.check(int(state["revision"]) == before + 1, f"the page shows revision {state['revision']}")
-    after = {one["name"]: one["top_m"] for one in daemon.structures()}
+    after = daemon.heights()
     trial.check(abs(after[picked] - heights[picked] - 15) < 1e-6, f"{picked} is taller by 15 m")
     text = page.locator("#live").inner_text()
     trial.check(f"{picked} is raised by 15 m: new path after" in text, "the page says what was done and how long it took")
@@ -146,17 +153,74 @@ def main():
         scene = arguments.scene.resolve() if arguments.scene else folder / "town.geojson"
         if not arguments.scene:
             subprocess.run([daemon.binary, "generate", "--seed", "5", "--extent", "200,200", "--buildings", "24", "--out", scene], check=True)
-        daemon.load_and_plan(scene)
-        words = [daemon.binary, "watch", "town", "--html", "0", "--json", "--domain", daemon.domain]
-        server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=folder)
         try:
-            address = json.loads(server.stdout.readline())["address"]
-            try_all(running, address, daemon, scene, trial, arguments.clicks)
+            print("a scene without a plan:")
+            daemon.run("load", str(scene), "--name", "bare")
+            with served(daemon, "bare") as address:
+                unplanned(running, address, daemon, trial)
+            daemon.load_and_plan(scene)
+            with served(daemon, "town") as address:
+                try_all(running, address, daemon, scene, trial, arguments.clicks)
         finally:
-            server.kill()
             daemon.end()
     if trial.wrong:
         sys.exit(f"{len(trial.wrong)} things are not as they should be")
+
+
+@contextlib.contextmanager
+def served(daemon, scene):
+    """The address of the live page of a scene."""
+    words = [daemon.binary, "watch", scene, "--html", "0", "--json", "--domain", daemon.domain]
+    server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=daemon.folder)
+    try:
+        yield json.loads(server.stdout.readline())["address"]
+    finally:
+        server.kill()
+        server.wait()
+
+
+def listen(page, said):
+    """Notes what the browser has to complain about."""
+    def hear(message):
+        if message.type == "error" and DRIVER not in message.text:
+            said.append(f"{message.text} ({message.location['url']})")
+
+    page.on("console", hear)
+    page.on("pageerror", lambda error: said.append(str(error)))
+
+
+def unplanned(running, address, daemon, trial):
+    """Whatever is pressed on a page that has nothing to show yet, nothing breaks, and buildings can be edited by name."""
+    page = running.new_context(viewport={"width": 1360, "height": 850}).new_page()
+    said = []
+    listen(page, said)
+    page.goto(address)
+    wait_for(page, "live.revision === '1'")
+    for key in ["c", "f", "s", "w", "m", "r", "v", "a", "p", " ", "[", "]", "Home", "End", "ArrowRight"]:
+        page.keyboard.press(key)
+    for one in ["#home", "#above", "#measure"]:
+        page.locator(one).click()
+    canvas = page.locator("#canvas").bounding_box()
+    page.mouse.click(canvas["x"] + canvas["width"] / 3, canvas["y"] + canvas["height"] / 2)
+    page.mouse.move(canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2)
+    page.focus("#canvas")
+    for key in ["Enter", "ArrowLeft", "+"]:
+        page.keyboard.press(key)
+    name = page.locator("#live-names option").first.get_attribute("value")
+    page.locator("#live-search").fill(name)
+    page.keyboard.press("Enter")
+    trial.check(live(page)["picked"] == name, f"{name} is chosen by its name")
+    page.get_by_role("button", name="Raise").click()
+    wait_for(page, "live.edit === 'made' && live.revision === '2'")
+    # The voice of the timeline is half a second late.
+    page.wait_for_timeout(700)
+    trial.check(page.evaluate("overfly.state()")["structures"] == 0, "the page says that nothing is shown")
+    daemon.run("plan", "bare", "--rig", "phantom4-rtk", "--iterations", "20")
+    wait_for(page, "live.epoch !== ''")
+    page.wait_for_function("() => overfly.state().coverage === 'final'", timeout=PATIENCE_MS)
+    trial.check(page.evaluate("overfly.state()")["picked"] is not None, f"the first plan is shown, with {name} picked")
+    trial.check(said == [], f"the browser has nothing to complain about: {said}")
+    page.context.close()
 
 
 def try_all(running, address, daemon, scene, trial, clicks):
@@ -164,8 +228,7 @@ def try_all(running, address, daemon, scene, trial, clicks):
     page, other = context.new_page(), context.new_page()
     said = []
     for one in (page, other):
-        one.on("console", lambda message: said.append(message.text) if message.type == "error" and DRIVER not in message.text else None)
-        one.on("pageerror", lambda error: said.append(str(error)))
+        listen(one, said)
     print("the plan that is there:")
     page.goto(address)
     wait_for(page, "live.revision === '1'")
@@ -185,6 +248,7 @@ def try_all(running, address, daemon, scene, trial, clicks):
     wait_for(other, f"live.revision === '{daemon.revision()}'")
     trial.check(True, "a page that comes late shows the newest revision")
     page.bring_to_front()
+    by_name(page, daemon, trial, picked)
     by_keyboard(page, daemon, trial, picked)
     wait_for(other, f"live.revision === '{daemon.revision()}'")
     trial.check(True, f"the other page shows revision {daemon.revision()} as well")
@@ -198,8 +262,15 @@ def try_all(running, address, daemon, scene, trial, clicks):
     accessible(page, trial)
 
     print("a daemon that is lost:")
+    # An edit that the daemon has taken, and of which no path will come.
+    page.evaluate("() => { window.asked = fetch; window.fetch = async () => new Response('{\"revision\": 1e6, \"replan_follows\": true}'); }")
+    page.get_by_role("button", name="Raise").click()
+    wait_for(page, "live.edit === 'waiting'")
     daemon.kill()
     wait_for(page, "live.phase === 'lost'")
+    page.evaluate("() => { window.fetch = asked; }")
+    ended = live(page)["edit"] == "lost" and "replanning…" not in page.locator("#live").inner_text()
+    trial.check(ended, "an edit that waited for a path does not any more")
     trial.check("daemon lost, reconnecting" in page.locator("#live").inner_text(), "the page says so")
     trial.shot(page, "lost")
     daemon.start()
@@ -213,10 +284,30 @@ def try_all(running, address, daemon, scene, trial, clicks):
     trial.check(others == [], f"the browser has nothing to complain about: {others}")
 
 
+def by_name(page, daemon, trial, clicked):
+    """Of two buildings, one clicked and then another one found by its name, edits mean the second, however many paths come in between."""
+    before = daemon.heights()
+    name = next(one for one in before if one != clicked)
+    page.locator("#live-search").fill(name)
+    page.keyboard.press("Enter")
+    page.locator("#live-by").fill("4")
+    for _ in range(2):
+        idle(page)
+        revision = daemon.revision()
+        page.keyboard.press("Enter")
+        wait_for(page, f"Number(live.revision) > {revision} && live.edit === 'shown'")
+    focused = page.evaluate("() => document.activeElement.id")
+    trial.check(focused == "live-by", f"the focus stays where it is typed: {focused}")
+    after = daemon.heights()
+    changed = {one: round(after[one] - before[one], 6) for one in after if after[one] != before[one]}
+    by = float(page.locator("#live-by").input_value())
+    trial.check(changed == {name: 2 * by}, f"of all buildings {name} is taller, by twice {by} m: {changed}")
+
+
 def by_keyboard(page, daemon, trial, name):
     """Finds a building by its name, removes it and puts it back, with keys alone."""
     count, revision = len(daemon.structures()), daemon.revision()
-    page.locator("#live-search").focus()
+    page.locator("#live-search").fill("")
     page.keyboard.type(name)
     page.keyboard.press("Enter")
     focused = page.evaluate("() => document.activeElement.id")

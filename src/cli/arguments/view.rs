@@ -8,7 +8,8 @@ use clap::Args;
 #[command(
     after_help = "Writes one HTML file that needs nothing else, no network either: it can be sent to whoever shall see the plan. It shows the scene, the flight and what is captured when, \
     on its own or against OTHER: what only one of them captures, and structures that differ.\n\n\
-    The scene is the file that the run.json beside PLAN names, read with the settings that stand there, or `--scene`. Without one the plan alone is shown.\n\n\
+    The scene is the file that the run.json beside PLAN names, read with the settings that stand there, or `--scene`. \
+    Without one the page that came with the plan is shown, or the plan alone.\n\n\
     `overfly plan --out DIR` writes such a page already (plan.html).\n\nExamples:\n  overfly view flights/town/plan.json\n  \
     overfly view replan.json plan.json\n  overfly view plan.json --scene town.city.json --out town.html --no-open"
 )]

@@ -61,7 +61,7 @@ impl Stage {
         if message.infeasible().is_none() {
             let (plan, _) = plan_table::from_table(&message.table())?;
             let is_interim = matches!(plan.stop, StopReason::Repaired | StopReason::Improved);
-            let sighted = if detail == Detail::Path { None } else { Sighted::by_field(field, &plan).ok() };
+            let sighted = if detail == Detail::Path { None } else { Sighted::by_field(field, &plan, None).ok() };
             let label = format!("plan {} of revision {}", message.epoch(), plan.scene.revision);
             let flight = page::flight(&label, &plan, sighted);
             let act = Act { epoch: message.epoch(), revision: plan.scene.revision, is_interim, flight, scene };
@@ -85,8 +85,12 @@ impl Stage {
         }))
     }
 
-    /// The plan before stays beside all that follow from one edit, the interim ones as well.
+    /// The plan before stays beside all that follow from one edit, the interim ones as well; not beside those of another file that was loaded
+    /// under the same name.
     fn enter(&mut self, act: Act) {
+        for stale in [&mut self.plan, &mut self.before] {
+            stale.take_if(|stale| !stale.scene.is_in_frame_of(&act.scene));
+        }
         let (epoch, revision) = (act.epoch, act.revision);
         let last = self.plan.replace(act);
         if last.as_ref().is_some_and(|last| last.epoch != epoch && (last.revision != revision || !last.is_interim)) {
@@ -167,6 +171,18 @@ mod tests {
         assert_eq!(beside(5, 3, true), ["5", "4"]);
         assert_eq!(beside(6, 4, true), ["6", "5"], "an edit that came before the search had ended");
         assert_eq!([beside(7, 4, false), beside(8, 4, false)], [["7", "5"], ["8", "7"]], "another order in the same scene");
+    }
+
+    #[test]
+    fn plans_in_different_frames_do_not_stand_beside_each_other() {
+        let at = |lat_deg| Some(crate::frame::Geodetic { lat_deg, lon_deg: 4.0, alt_m: 0.0 });
+        let mut stage =
+            Stage { set: Some(Set { field: (1, 1), revision: 1, scene: Scene3d::empty("town", None) }), ..Stage::default() };
+        for (epoch, lat_deg, beside) in [(1, 51.0, 1), (2, 51.0, 2), (3, 52.0, 1), (4, 52.0, 2)] {
+            stage.enter(Act { scene: Scene3d::empty("town", at(lat_deg)), ..act(epoch, 1, false) });
+            let state: serde_json::Value = serde_json::from_slice(&stage.state(None)).unwrap();
+            assert_eq!(state["page"]["flights"].as_array().map(Vec::len), Some(beside), "{epoch}");
+        }
     }
 
     #[test]

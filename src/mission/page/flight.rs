@@ -39,6 +39,10 @@ pub struct Flight {
     /// Why the flight is not divided into sorties.
     sorties_note: Option<String>,
     coverage: Option<Sighted>,
+    /// What a reader has to know.
+    notes: Vec<String>,
+    /// Why what it captures cannot be held against the flight before it.
+    apart: Option<String>,
     #[serde(skip)]
     own_scene: Option<Scene3d>,
 }
@@ -110,6 +114,8 @@ pub fn flight(label: &str, plan: &Plan, sighted: Option<Sighted>) -> Flight {
         sorties,
         sorties_note,
         coverage: sighted,
+        notes: Vec::new(),
+        apart: None,
         own_scene: None,
     }
 }
@@ -128,10 +134,26 @@ impl Flight {
         self
     }
 
-    /// The same with the least distance to everything, where the plan itself does not say it, m.
+    /// The same as a flight in another revision of its scene.
     #[must_use]
-    pub fn clear_by(self, clearance_m: f64) -> Self {
-        Self { clearance_m: self.clearance_m.or(Some(clearance_m)), ..self }
+    pub fn of_revision(self, revision: u64) -> Self {
+        Self { revision, ..self }
+    }
+
+    /// The same with what a reader has to know.
+    #[must_use]
+    pub fn noted(self, notes: &[String]) -> Self {
+        Self { notes: notes.to_vec(), ..self }
+    }
+
+    /// The same with why what it captures cannot be held against the flight before it on the page, if it cannot.
+    #[must_use]
+    pub fn apart(self, why: Option<&str>) -> Self {
+        Self { apart: why.map(str::to_owned), ..self }
+    }
+
+    pub fn has_coverage(&self) -> bool {
+        self.coverage.is_some()
     }
 
     pub(super) fn own_scene(&self) -> Option<&Scene3d> {

@@ -12,7 +12,7 @@ mod sighted;
 
 use serde::Serialize;
 
-pub use self::compose::{Live, html};
+pub use self::compose::{Live, data_of, html};
 pub use self::flight::{Flight, flight};
 pub use self::scene3d::Scene3d;
 pub use self::sighted::Sighted;

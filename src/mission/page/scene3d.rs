@@ -157,6 +157,11 @@ impl Scene3d {
         Self { zones: free.zones().iter().filter_map(Zone::new).collect(), ceiling_m: Some(ceiling_m), ..self }
     }
 
+    /// Whether coordinates mean the same in both.
+    pub fn is_in_frame_of(&self, other: &Self) -> bool {
+        self.origin == other.origin
+    }
+
     /// The same as another revision, and under the name by which users know it.
     #[must_use]
     pub fn called(self, name: &str, revision: u64) -> Self {

@@ -35,6 +35,8 @@ pub struct Surface {
 pub struct Sighted {
     /// How it is known when a sample is seen.
     by: By,
+    /// Whether what images before this flight captured is known, or does not exist.
+    knows_before: bool,
     /// A sample is captured when r exceeds this, percent.
     threshold_percent: f64,
     /// Since the start of the flight, s; negative for never.
@@ -56,6 +58,9 @@ enum By {
     Rays,
     /// By the field's row of the viewpoint nearest to each image; only r after the whole flight is by rays.
     Field,
+    /// The same for a flight before which images were taken.
+    #[serde(rename = "field")]
+    FieldUnderWay,
 }
 
 impl Sighted {
@@ -69,18 +74,20 @@ impl Sighted {
             seen.sort_by(|a, b| a.0.total_cmp(&b.0));
             seen
         };
-        Ok(Self::new(By::Rays, field, plan, of_sample))
+        Ok(Self::new(By::Rays, true, field, plan, of_sample))
     }
 
-    /// From the field alone, for those who have no scene to cast rays in.
-    pub fn by_field(field: &FieldTable, plan: &Plan) -> Result<Self, SvgError> {
+    /// From the field alone, for those who have no scene to cast rays in. What rows know nothing of was captured before a flight that is under way,
+    /// where it is known whether it is.
+    pub fn by_field(field: &FieldTable, plan: &Plan, is_under_way: Option<bool>) -> Result<Self, SvgError> {
         svg::check(field, plan)?;
         let seen = seen_by_field(field, plan);
-        Ok(Self::new(By::Field, field, plan, |i| seen[i].clone()))
+        let by = if is_under_way == Some(true) { By::FieldUnderWay } else { By::Field };
+        Ok(Self::new(by, is_under_way.is_some(), field, plan, |i| seen[i].clone()))
     }
 
     /// `seen` gives the cells of a sample that are seen, in the order of time.
-    fn new(by: By, field: &FieldTable, plan: &Plan, seen: impl Fn(usize) -> Vec<(f64, Mask)> + Sync) -> Self {
+    fn new(by: By, knows_before: bool, field: &FieldTable, plan: &Plan, seen: impl Fn(usize) -> Vec<(f64, Mask)> + Sync) -> Self {
         let threshold = field.facts.threshold_cells;
         let end_s = plan.images.iter().map(|image| image.time_s).fold(0.0, f64::max);
         let exposed: Vec<usize> = (0..field.samples.len()).filter(|&i| field.samples[i].exposed == 1).collect();
@@ -90,6 +97,7 @@ impl Sighted {
         let rows = || exposed.iter().map(|&i| &field.samples[i]);
         Self {
             by,
+            knows_before,
             threshold_percent: percent(f64::from(threshold)),
             seen_s: Packed::f32(times.iter().map(|times| times[0])),
             captured_s: Packed::f32(times.iter().map(|times| times[1])),
@@ -107,11 +115,15 @@ impl Sighted {
 }
 
 /// When a sample is first seen, and when more than `threshold` of its cells are covered, s. `exact` cells are covered in the end; of what rows know nothing, that
-/// is when the flight ends.
+/// is when the flight ends, or before it where images were taken then.
 fn times_s(by: By, seen: &[(f64, Mask)], exact: u32, threshold: u32, end_s: f64) -> [f64; 2] {
     let last_s = seen.last().map_or(end_s, |one| one.0);
     let all = seen.iter().fold(0, |all, one| all | one.1).count_ones();
-    let before = if by == By::Rays { exact.saturating_sub(all) } else { 0 };
+    let before = match by {
+        By::Rays => exact.saturating_sub(all),
+        By::FieldUnderWay if seen.is_empty() => exact,
+        By::Field | By::FieldUnderWay => 0,
+    };
     let first_s = match seen.first() {
         _ if before > 0 => 0.0,
         Some(first) if exact > 0 => first.0,
@@ -123,8 +135,9 @@ fn times_s(by: By, seen: &[(f64, Mask)], exact: u32, threshold: u32, end_s: f64)
     }
     // The cells that only images before the flight can have covered count from its beginning; what rows say is brought to the scale of what rays say.
     let covered = |cells: u32| match by {
-        By::Rays => cells + before,
-        By::Field => (cells * exact).checked_div(all).unwrap_or(0),
+        _ if before > 0 => cells + before,
+        By::Rays => cells,
+        By::Field | By::FieldUnderWay => (cells * exact).checked_div(all).unwrap_or(0),
     };
     if covered(0) > threshold {
         return [first_s, 0.0];
@@ -185,6 +198,9 @@ mod tests {
         assert_eq!(times_s(By::Field, &seen(), 20, 39, 9.0), [1.0, NEVER_S]);
         assert_eq!(times_s(By::Field, &[], 40, 39, 9.0), [9.0, 9.0], "rows know nothing of it");
         assert_eq!(times_s(By::Field, &seen(), 0, 39, 9.0), [NEVER_S, NEVER_S]);
+        assert_eq!(times_s(By::FieldUnderWay, &seen(), 40, 39, 9.0), [1.0, 4.0]);
+        assert_eq!(times_s(By::FieldUnderWay, &[], 40, 39, 9.0), [0.0, 0.0], "seen before");
+        assert_eq!(times_s(By::FieldUnderWay, &[], 30, 39, 9.0), [0.0, NEVER_S]);
     }
 
     #[test]

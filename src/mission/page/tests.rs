@@ -71,7 +71,7 @@ fn what_is_captured_in_the_end_is_what_the_plan_says_by_rays_and_by_rows() {
         let made = made(&snapshot, rig);
         let (field, plan) = (snapshot.field(), &made.plan);
         let rays = Sighted::by_rays(&field, plan, made.record.sightings()).unwrap();
-        let rows = Sighted::by_field(&field, plan).unwrap();
+        let rows = Sighted::by_field(&field, plan, Some(false)).unwrap();
         let flights = [flight("rays", plan, Some(rays)), flight("rows", plan, Some(rows))];
         let data = json(&data(&Scene3d::of_scene(&snapshot.scene), &flights));
         assert_eq!(data["surfaces"].as_array().map(Vec::len), Some(1), "both have the same samples");
@@ -118,7 +118,7 @@ fn a_sample_is_seen_before_it_is_captured_and_at_the_time_of_an_image() {
 fn a_plan_of_another_field_is_refused() {
     let (field, other) = (snapshot(block()), snapshot(generate_block(&BlockSettings { seed: 9, ..Default::default() })));
     let made = made(&field, "panoramic");
-    assert!(Sighted::by_field(&other.field(), &made.plan).is_err());
+    assert!(Sighted::by_field(&other.field(), &made.plan, None).is_err());
     assert!(Sighted::by_rays(&other.field(), &made.plan, made.record.sightings()).is_err());
 }
 

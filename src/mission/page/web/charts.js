@@ -19,10 +19,10 @@ function element(name, attributes, ...children) {
 function thinned(times, values) {
     if (times.length <= 2 * PIECES) return Array.from(times, (time, k) => [time, values[k]]);
     const points = [];
-    const length = times[times.length - 1] / PIECES;
+    const length = times[times.length - 1] / PIECES || 1;
     for (let from = 0; from < times.length; ) {
         const piece = Math.floor(times[from] / length);
-        let [low, high, to] = [from, from, from];
+        let [low, high, to] = [from, from, from + 1];
         for (; to < times.length && Math.floor(times[to] / length) === piece; to += 1) {
             if (values[to] < values[low]) low = to;
             if (values[to] > values[high]) high = to;
@@ -75,6 +75,7 @@ export class Charts {
     }
 
     jump(event) {
+        if (!this.flights) return;
         const x = event.clientX - this.svg.getBoundingClientRect().left;
         this.onJump(Math.min(Math.max((x - GUTTER.left) / this.inner, 0), 1) * this.duration);
     }
@@ -108,9 +109,10 @@ export class Charts {
         const highest = most ?? Math.max(1e-6, ...lines.flat().map((point) => point[1])) * 1.06;
         const y = (value) => top + ROW.height * (1 - Math.max(value, 0) / highest);
         const row = element('g', {});
+        const under = title === 'Height' && this.flights[0].scene.hasHills ? 'm over lowest' : unit;
         row.append(element('line', { class: 'base', x1: GUTTER.left, x2: GUTTER.left + this.inner, y1: top + ROW.height, y2: top + ROW.height }));
         row.append(element('text', { class: 'title', x: 0, y: top + 14 }, title));
-        row.append(element('text', { class: 'unit', x: 0, y: top + 29 }, unit));
+        row.append(element('text', { class: 'unit', x: 0, y: top + 29 }, under));
         row.append(element('text', { class: 'tick', x: GUTTER.left - 7, y: top + 8 }, highest.toFixed(0)));
         row.append(element('text', { class: 'tick', x: GUTTER.left - 7, y: top + ROW.height }, '0'));
         const goal = this.flights[0].goal_percent;
@@ -143,12 +145,10 @@ export class Charts {
 
     axis(bottom) {
         const steps = [10, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14_400];
-        const step = steps.find((one) => this.duration / one <= Math.max(this.inner / 90, 2)) ?? 28_800;
-        const ticks = [];
-        for (let time = 0; time <= this.duration; time += step) {
-            ticks.push(element('text', { class: 'time', x: this.x(time), y: bottom + 13 }, clockText(time)));
-        }
-        return element('g', {}, ...ticks);
+        const least = this.duration / Math.max(this.inner / 90, 2);
+        const step = steps.find((one) => one >= least) ?? 28_800 * 2 ** Math.max(0, Math.ceil(Math.log2(least / 28_800)));
+        const times = Array.from({ length: Math.floor(this.duration / step) + 1 }, (_, k) => k * step);
+        return element('g', {}, ...times.map((time) => element('text', { class: 'time', x: this.x(time), y: bottom + 13 }, clockText(time))));
     }
 
     follow(time) {

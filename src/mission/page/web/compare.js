@@ -18,9 +18,10 @@ export function showComparison(flights, onChoose, chosen) {
     const name = (letter, flight) => node('li', {}, node('i', { class: letter }), node('b', {}, letter.toUpperCase()), flight.label);
     const names = node('ul', { class: 'names quiet' }, name('a', a), name('b', b));
     section.replaceChildren(node('h2', {}, 'Two plans'), names, chooser(onChoose, chosen), node('table', { class: 'compare' }, node('thead', {}, head), node('tbody', {}, ...rows)));
-    const differing = sceneDifferences(a.scene, b.scene);
-    const words = [['new', differing.added.length], ['gone', differing.removed.length], ['changed', differing.changed.length]].filter(([, count]) => count > 0);
-    if (words.length > 0) section.append(node('p', { id: 'scene-differences' }, `Structures of A against B: ${words.map(([word, count]) => `${count} ${word}`).join(', ')}.`));
+    const differing = standings(a.scene, b.scene, true);
+    const count = (one) => differing.filter(({ standing }) => standing === one).length;
+    const words = ['added', 'gone', 'changed'].map((one) => [STANDINGS[one], count(one)]).filter(([, times]) => times > 0);
+    if (words.length > 0) section.append(node('p', { id: 'scene-differences' }, `Structures of A against B: ${words.map(([word, times]) => `${times} ${word}`).join(', ')}.`));
 }
 
 function chooser(onChoose, chosen) {
@@ -46,7 +47,7 @@ function changeCell({ value, better }, other) {
 }
 
 function surfaceRows(a, b) {
-    if (!a.coverage || !b.coverage) return [];
+    if (!a.coverage || !b.coverage || whyApart([a, b])) return [];
     const area = (flight, other) => {
         const differences = differenceBetween(flight, other);
         return flight.coverage.surface.areas.reduce((sum, size, k) => sum + (differences[k] > 0 ? size : 0), 0);
@@ -55,29 +56,37 @@ function surfaceRows(a, b) {
     return [node('tr', {}, node('th', { scope: 'row' }, 'Only this one'), node('td', {}, text(area(a, b))), node('td', {}, text(area(b, a))), node('td', {}, ''))];
 }
 
-// Structures of a scene that another one does not have, or has otherwise; and those that only the other one has.
-export function sceneDifferences(scene, other) {
-    if (scene === other) return { added: [], removed: [], changed: [] };
+// How a structure of A stands to B, in words; palettes have colours of the same names.
+export const STANDINGS = { added: 'new', changed: 'changed', gone: 'gone' };
+
+// The structures that two scenes do not have in common, those of the other one as well: how A stands to B, whichever of them `scene` is.
+export function standings(scene, other, isFirst) {
+    if (!other || scene === other) return [];
     const theirs = new Map(other.structures.map((structure) => [structure.id, structure]));
     const mine = new Set(scene.structures.map((structure) => structure.id));
+    const [own, foreign] = isFirst ? ['added', 'gone'] : ['gone', 'added'];
     const isSame = (one, two) => one.count === two.count && one.min.every((value, axis) => Math.abs(value - two.min[axis]) < 0.01 && Math.abs(one.max[axis] - two.max[axis]) < 0.01);
-    return {
-        added: scene.structures.filter(({ id, kind }) => kind !== 'terrain' && !theirs.has(id)),
-        changed: scene.structures.filter((one) => one.kind !== 'terrain' && theirs.has(one.id) && !isSame(one, theirs.get(one.id))),
-        removed: other.structures.filter(({ id, kind }) => kind !== 'terrain' && !mine.has(id)),
-    };
+    const here = scene.structures.filter((one) => !theirs.has(one.id) || !isSame(one, theirs.get(one.id)));
+    const ghosts = other.structures.filter(({ id }) => !mine.has(id));
+    return [
+        ...here.map((structure) => ({ structure, standing: theirs.has(structure.id) ? 'changed' : own, isHere: true })),
+        ...ghosts.map((structure) => ({ structure, standing: foreign, isHere: false })),
+    ].filter(({ structure }) => structure.kind !== 'terrain');
 }
 
-// The boxes of structures that are gone.
-export function ghostsOf(structures, colours) {
+// Why what two flights capture cannot be held against each other, sample by sample.
+export const whyApart = (flights) => flights.map((flight) => flight.apart).find(Boolean) ?? null;
+
+// The boxes of structures that the shown scene does not have.
+export function ghostsOf(ghosts, colours) {
     const lines = [];
-    for (const { min, max } of structures) {
+    for (const { structure: { min, max } } of ghosts) {
         const corner = (k) => [k & 1 ? max[0] : min[0], k & 2 ? max[1] : min[1], k & 4 ? max[2] : min[2]];
         [[0, 1], [1, 3], [3, 2], [2, 0], [4, 5], [5, 7], [7, 6], [6, 4], [0, 4], [1, 5], [2, 6], [3, 7]].forEach((ends) => ends.forEach((k) => lines.push(...corner(k))));
     }
-    const ghosts = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
-    ghosts.geometry.setAttribute('position', new THREE.Float32BufferAttribute(lines, 3));
-    ghosts.material.color.setRGB(...colours.gone, 'srgb');
-    ghosts.frustumCulled = false;
-    return ghosts;
+    const boxes = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
+    boxes.geometry.setAttribute('position', new THREE.Float32BufferAttribute(lines, 3));
+    boxes.material.color.setRGB(...colours[ghosts[0].standing], 'srgb');
+    boxes.frustumCulled = false;
+    return boxes;
 }

@@ -8,9 +8,12 @@ export const DISC_MODES = { off: 0, now: 1, final: 2, difference: 3 };
 // Larger discs would stand out over the edges of walls, m; where samples are far apart that matters less.
 const WIDEST_M = 3;
 const WIDEST_SHARE = 0.32;
+// The two triangles of a square.
+const SQUARE = [0, 1, 3, 0, 3, 2];
 
 export class Discs {
-    constructor(flight, other) {
+    // Against another flight, if there is one; `sign` is -1 where this one is B.
+    constructor(flight, other, sign) {
         const { surface, seen, captured, r, capturable, threshold } = flight.coverage;
         const { count } = surface;
         const spacing = Math.sqrt(Float32Array.from(surface.areas).sort()[count >> 1] ?? 1);
@@ -26,15 +29,17 @@ export class Discs {
             const length = Math.hypot(...across);
             const along = cross(normal, across);
             for (let c = 0; c < 4; c += 1) {
-                const [u, v] = [c & 1 ? radius : -radius, c & 2 ? radius : -radius].map((side) => side / length);
+                const [u, v] = [(c & 1 ? radius : -radius) / length, (c & 2 ? radius : -radius) / length];
                 for (let axis = 0; axis < 3; axis += 1) {
                     positions[3 * (4 * k + c) + axis] = surface.positions[3 * k + axis] + 0.12 * normal[axis] + u * across[axis] + v * along[axis];
                 }
-                facing.set(normal, 3 * (4 * k + c));
-                times.set([seen[k], captured[k]], 2 * (4 * k + c));
-                shares.set([Math.min(r[k] / Math.max(threshold, 1e-6), 1), capturable[k], differences ? differences[k] : 0], 3 * (4 * k + c));
+                const corner = 4 * k + c;
+                for (let axis = 0; axis < 3; axis += 1) facing[3 * corner + axis] = normal[axis];
+                [times[2 * corner], times[2 * corner + 1]] = [seen[k], captured[k]];
+                shares[3 * corner] = Math.min(r[k] / Math.max(threshold, 1e-6), 1);
+                [shares[3 * corner + 1], shares[3 * corner + 2]] = [capturable[k], differences ? sign * differences[k] : 0];
             }
-            indices.set([0, 1, 3, 0, 3, 2].map((c) => 4 * k + c), 6 * k);
+            for (let c = 0; c < 6; c += 1) indices[6 * k + c] = 4 * k + SQUARE[c];
         }
         const geometry = new THREE.BufferGeometry();
         const each = (name, values, size) => geometry.setAttribute(name, new THREE.BufferAttribute(values, size));
@@ -114,20 +119,22 @@ export class Discs {
     }
 }
 
-// Places of samples to a quarter of a metre: samples of two fields that lie there are the same.
-const placeOf = (positions, k) => `${Math.round(4 * positions[3 * k])},${Math.round(4 * positions[3 * k + 1])},${Math.round(4 * positions[3 * k + 2])}`;
+// A sample's place to a quarter of a metre, and where it looks: the two sides of a sheet have samples at the same places.
+function keyOf({ positions, normals }, k) {
+    const place = [0, 1, 2].map((axis) => Math.round(4 * positions[3 * k + axis]));
+    return [...place, ...[0, 1, 2].map((axis) => Math.round(4 * normals[3 * k + axis]))].join();
+}
 
 // By sample of the first flight: 1 where only this one captures it, -1 where only the other one does. Samples that the other one does not have are new.
 export function differenceBetween(flight, other) {
-    const theirs = new Map();
-    const surface = other.coverage.surface;
-    for (let k = 0; k < surface.count; k += 1) theirs.set(placeOf(surface.positions, k), other.coverage.captured[k] >= 0);
-    const mine = flight.coverage;
+    const [mine, theirs] = [flight.coverage, other.coverage];
     const differences = new Int8Array(mine.surface.count);
-    for (let k = 0; k < mine.surface.count; k += 1) {
-        const isCaptured = mine.captured[k] >= 0;
-        const was = theirs.get(placeOf(mine.surface.positions, k));
-        differences[k] = Number(isCaptured) - Number(was ?? false);
+    let twin = (k) => k;
+    if (mine.surface !== theirs.surface) {
+        const places = new Map();
+        for (let k = 0; k < theirs.surface.count; k += 1) places.set(keyOf(theirs.surface, k), k);
+        twin = (k) => places.get(keyOf(mine.surface, k));
     }
+    for (let k = 0; k < differences.length; k += 1) differences[k] = Number(mine.captured[k] >= 0) - Number(theirs.captured[twin(k)] >= 0);
     return differences;
 }

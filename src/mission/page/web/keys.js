@@ -2,10 +2,11 @@
 
 const isTyping = (target) => target.matches('input:not([type=range]):not([type=radio]):not([type=checkbox]), select, textarea, [contenteditable]');
 
-export function listenToKeys({ timeline, stage, pointer, layers, actions }) {
+export function listenToKeys({ timeline, stage, pointer, layers, actions, hasPlan }) {
     document.addEventListener('keydown', (event) => {
         const { key, target } = event;
         if (event.ctrlKey || event.metaKey || event.altKey || isTyping(target) || document.querySelector('dialog[open]')) return;
+        if (!hasPlan() && !'t?'.includes(key)) return;
         const isInView = target === stage?.canvas;
         const handled = (isInView && viewKey(event, stage, pointer)) || timeKey(event, timeline, actions) || letterKey(key, { timeline, layers, actions });
         if (handled) event.preventDefault();

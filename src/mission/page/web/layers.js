@@ -14,6 +14,7 @@ export class Layers {
     constructor(state, onChange) {
         this.state = state;
         this.onChange = onChange;
+        this.modes = [];
         document.querySelectorAll('[data-layer]').forEach((input) => {
             const key = input.dataset.layer;
             const read = () => (input.type === 'checkbox' ? input.checked : input.value);
@@ -32,11 +33,11 @@ export class Layers {
     }
 
     // Modes of which the data know nothing cannot be chosen.
-    allow({ hasCoverage, isComparing, hasZones, hasCeiling }) {
-        this.modes = COVERAGE_MODES.map(([mode]) => mode).filter((mode) => mode === 'off' || (hasCoverage && (mode !== 'difference' || isComparing)));
+    allow({ hasCoverage, canDiffer, hasZones, hasCeiling }) {
+        this.modes = COVERAGE_MODES.map(([mode]) => mode).filter((mode) => mode === 'off' || (hasCoverage && (mode !== 'difference' || canDiffer)));
         document.querySelectorAll('[data-layer=coverage]').forEach((input) => {
             input.disabled = !this.modes.includes(input.value);
-            input.closest('label').hidden = input.value === 'difference' && !isComparing;
+            input.closest('label').hidden = input.value === 'difference' && !canDiffer;
         });
         if (!this.modes.includes(this.state.coverage)) this.state.coverage = this.modes.includes('final') ? 'final' : 'off';
         document.querySelector('[data-layer=zones]').closest('label').hidden = !hasZones;
@@ -51,7 +52,6 @@ export class Layers {
 
     cycle(key, values) {
         this.isChosen ||= key === 'coverage';
-
         this.set(key, values[(values.indexOf(this.state[key]) + 1) % values.length]);
     }
 
@@ -65,10 +65,11 @@ export class Layers {
     }
 
     legend(flight, colours) {
+        const [captured, beyond] = [['full', COVERAGE.captured, 'captured'], ['dot', COVERAGE.beyond, 'out of reach or not ordered']];
         const entries = {
             off: [],
-            now: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway.map((v, k) => v * [1, 0.86, 0.6][k]), 'seen'], ['thin', colours.waiting, 'still to come'], ['dot', COVERAGE.beyond, 'out of reach']],
-            final: [['full', COVERAGE.captured, 'captured'], ['ring', COVERAGE.halfway, 'half enough'], ['ring', COVERAGE.nothing, 'missed'], ['dot', COVERAGE.beyond, 'out of reach']],
+            now: [captured, ['ring', COVERAGE.halfway.map((v, k) => v * [1, 0.86, 0.6][k]), 'seen'], ['thin', colours.waiting, 'still to come'], beyond],
+            final: [captured, ['ring', COVERAGE.halfway, 'almost enough'], ['ring', COVERAGE.nothing, 'missed'], beyond],
             difference: [['full', COVERAGE.gained, 'only A'], ['ring', COVERAGE.lost, 'only B'], ['dot', colours.waiting, 'the same']],
         }[this.state.coverage];
         document.getElementById('coverage-legend').replaceChildren(...entries.map(([form, colour, text]) => {

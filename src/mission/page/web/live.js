@@ -69,7 +69,7 @@
         by: 15, // m
         newest: null, // not drawn yet
         isDrawing: false,
-        shown: { revision: 0, at: 0 },
+        shown: { revision: 0, at: 0, hasPath: false },
         edit: null, // whose path has not come yet
         coverage: null, // how it was looked at before a path came without
     };
@@ -139,6 +139,8 @@
         const found = wanted && (called((name) => name === wanted) ?? called((name) => name.includes(wanted)));
         refused.textContent = found ? '' : `There is no building called “${search.value}”.`;
         if (!found) return;
+        // The page is told as well: what is picked there comes back with every plan.
+        window.overfly.pick(found.id);
         state.picked = found.id;
         tellChosen();
         chosen.querySelector('input').focus();
@@ -151,6 +153,7 @@
         refused.textContent = '';
         progress.textContent = `${words}: replanning…`;
         const answer = await ask(order);
+        if (order.edit === 'remove' && answer.can_be_restored === false) mine.words += ' and cannot be put back from here';
         if (answer.error) {
             refused.textContent = `Not done: ${answer.error}`;
             end(mine, 'refused', '');
@@ -184,6 +187,10 @@
     function settle() {
         const { edit: mine, shown } = state;
         if (!mine || mine.revision === null || shown.revision < mine.revision) return;
+        if (!shown.hasPath) {
+            end(mine, 'made', `${mine.words}; there is no path`);
+            return;
+        }
         const latency = Math.max(0, shown.at - mine.clicked);
         room.dataset.latencyMs = latency.toFixed(1);
         end(mine, 'shown', `${mine.words}: new path after ${latency.toFixed(0)} ms`);
@@ -209,7 +216,7 @@
         danger.textContent = dangerOf(newest);
         // The next frame has it on the screen; a page in the background draws none.
         const drawn = () => {
-            state.shown = { revision: newest.revision, at: performance.now() };
+            state.shown = { revision: newest.revision, at: performance.now(), hasPath: newest.epoch !== null };
             Object.assign(room.dataset, { revision: newest.revision, epoch: newest.epoch ?? '', interim: newest.is_interim });
             settle();
             state.isDrawing = state.newest !== null;
@@ -251,6 +258,9 @@
         state.status = JSON.parse(event.data);
         tellConnection();
         tellRemoved();
+        // Whoever was to send the path is gone.
+        const { edit: waiting, status: { phase } } = state;
+        if (waiting && ['lost', 'unloaded'].includes(phase)) end(waiting, 'lost', `${waiting.words}: the daemon was lost before a new path came`);
     });
     events.addEventListener('show', (event) => {
         // When plans come faster than they are drawn, only the newest is; but one that has been begun is drawn.

@@ -1,4 +1,5 @@
-// Puts the page together. `window.overfly` is what programs around it use: `show(data)` replaces what is shown, `onPick(callback)` tells what is picked.
+// Puts the page together. `window.overfly` is what programs around it use: `show(data)` replaces what is shown, `pick(id)` picks a structure,
+// `onPick(callback)` tells what is picked.
 
 import { INSTANT_S, capturedPercent, clockText, countUpTo, distanceOf, droneAt, imagesAt, lengthText, modelOf, stepsAlong } from './model.js';
 import { chooseTheme, followTheme, palette, themeName } from './theme.js';
@@ -12,7 +13,7 @@ import { Pointer } from './pointer.js';
 import { Charts } from './charts.js';
 import { Timeline } from './timeline.js';
 import { showFigures, showHeading, showNotes, showPicked, showSorties, showTable } from './panel.js';
-import { ghostsOf, sceneDifferences, showComparison } from './compare.js';
+import { STANDINGS, ghostsOf, showComparison, standings, whyApart } from './compare.js';
 import { Layers } from './layers.js';
 import { listenToKeys } from './keys.js';
 
@@ -22,28 +23,55 @@ const labels = new Map();
 const pickers = [];
 // Between places of a path at which its distance from something is taken, m.
 const PATH_STEP_M = 2;
+// How long after a change the picked structure is described anew.
+const AFTER_PICTURE_MS = 60;
 let model = null;
 let stage = null;
 let pointer = null;
 let world = null;
+// By its id, because a plan brings structures of its own; and the one of the scene that is shown, if it has it.
+let chosenId = null;
 let picked = null;
+let describing = null;
 
-window.overfly = { show, onPick: (callback) => pickers.push(callback), state: told, look: (view) => stage?.look(view), view: () => stage?.view(), stage: () => stage, at: (x, y) => pointer?.at(x, y), nearest };
+window.overfly = {
+    show,
+    pick: pickById,
+    onPick: (callback) => pickers.push(callback),
+    state: told,
+    look: (view) => stage?.look(view),
+    view: () => stage?.view(),
+    stage: () => stage,
+    at: (x, y) => pointer?.at(x, y),
+    nearest,
+};
 
 const charts = new Charts(byId('charts'), (time) => timeline.go(time));
 const timeline = new Timeline({ slider: byId('slider'), button: byId('play'), rate: byId('rate'), clock: byId('clock'), status: byId('where') }, follow);
 timeline.describe = (time) => {
+    if (!model) return '';
     const drone = droneAt(shown(), time);
     const captured = capturedPercent(shown(), time);
     const covered = captured === null ? '' : `, ${captured.toFixed(1)} percent captured`;
-    return `${clockText(time)}: ${drone.position[2].toFixed(0)} metres high, ${drone.speed.toFixed(1)} metres per second${covered}`;
+    const height = `${drone.position[2].toFixed(0)} metres ${shown().scene.hasHills ? 'above the lowest ground' : 'high'}`;
+    return `${clockText(time)}: ${height}, ${drone.speed.toFixed(1)} metres per second${covered}`;
 };
 const layers = new Layers(state, (key) => {
-    if (key === 'colour') paint();
+    if (key === 'colour') paintRoutes();
     refresh();
 });
 timeline.onPlay = () => layers.playing();
-const actions = { image: jumpByImage, measure: toggleMeasuring, theme: switchTheme, home: () => stage?.home(), above: () => stage?.above(), switchPlan, help: () => byId('help').showModal() };
+// A live page may have no plan yet.
+const withPlan = (act) => (...given) => model && act(...given);
+const actions = {
+    image: withPlan(jumpByImage),
+    measure: withPlan(toggleMeasuring),
+    theme: switchTheme,
+    home: withPlan(() => stage?.home()),
+    above: withPlan(() => stage?.above()),
+    switchPlan: withPlan(switchPlan),
+    help: () => byId('help').showModal(),
+};
 
 start();
 
@@ -65,7 +93,8 @@ function start() {
         stage.beforeDrawing.push(showInstruments);
     }
     [['home', actions.home], ['above', actions.above], ['measure', actions.measure], ['theme', actions.theme], ['help-button', actions.help]].forEach(([id, act]) => byId(id).addEventListener('click', act));
-    listenToKeys({ timeline, stage, pointer, layers, actions });
+    listenToKeys({ timeline, stage, pointer, layers, actions, hasPlan: () => model !== null });
+    byId('time').inert = true;
     show(JSON.parse(byId('data').textContent));
 }
 
@@ -79,36 +108,46 @@ function show(data) {
     if (data.flights.length === 0) return;
     const share = timeline.share();
     const isFirst = model === null;
-    model = modelOf(data);
+    model = modelOf(data, model);
+    byId('time').inert = false;
     if (state.plan !== 'both' && state.plan >= model.flights.length) state.plan = 0;
     if (isFirst && model.flights.length > 1) state.plan = 'both';
-    const hasCoverage = model.flights.every((flight) => flight.coverage);
-    const isComparing = model.flights.length > 1;
-    layers.allow({ hasCoverage, isComparing, hasZones: shown().scene.zones.length > 0, hasCeiling: Boolean(shown().scene.ceiling_m) && !shown().scene.terrain });
-    if (isFirst && isComparing && hasCoverage) layers.set('coverage', 'difference');
     timeline.play(false);
+    allow();
+    if (isFirst && layers.modes.includes('difference')) layers.set('coverage', 'difference');
     build();
     if (isFirst) stage?.home();
     timeline.setDuration(Math.max(...model.flights.map((flight) => flight.duration_s)), share);
     byId('structures-table').open ||= stage === null;
 }
 
+// What can be looked at in the plan that is shown.
+function allow() {
+    const { scene } = shown();
+    layers.allow({
+        hasCoverage: model.flights.every((flight) => flight.coverage),
+        canDiffer: model.flights.length > 1 && whyApart(model.flights) === null,
+        hasZones: scene.zones.length > 0,
+        hasCeiling: Boolean(scene.ceiling_m) && !scene.hasHills,
+    });
+}
+
 // What stands on the stage for the plan that is shown.
 function build() {
     const flight = shown();
+    picked = structureOf(chosenId);
     const isComparing = model.flights.length > 1;
     showHeading(flight);
     showFigures(flight);
     byId('figures').hidden = isComparing;
     showComparison(model.flights, choosePlan, state.plan);
     showSorties(flight, (time) => timeline.go(time));
-    showNotes(flight, flight.scene);
+    showNotes(model.flights, flight, whyApart(model.flights));
     showTable(flight);
     const ordered = state.plan === 1 ? [model.flights[1], model.flights[0]] : model.flights;
     charts.show(ordered, Math.max(...model.flights.map((one) => one.duration_s)));
     if (stage) buildWorld(flight);
     paint();
-    if (picked) pick(world?.scene.structures.find((structure) => structure.id === picked.id) ?? null, null);
 }
 
 function buildWorld(flight) {
@@ -118,21 +157,24 @@ function buildWorld(flight) {
     if (world) {
         stage.scene.remove(world.group);
         if (!isNewScene) world.group.remove(world.structures.group);
-        disposeAll(world.group);
+        stage.retire(world.group);
     }
     const other = model.flights.find((one) => one !== flight);
     const structures = isNewScene ? new Structures(scene) : world.structures;
-    const surroundings = new Surroundings(scene, bounds);
+    const surroundings = new Surroundings(scene, bounds, (place) => structures.groundAt(place));
     const drawn = model.flights.filter((one) => state.plan === 'both' || one === flight);
     const routes = drawn.map((one) => new Route(one, model.flights.indexOf(one) === 1 && state.plan === 'both'));
-    const discs = flight.coverage ? new Discs(flight, other?.coverage ? other : null) : null;
-    const differing = other ? sceneDifferences(scene, other.scene) : { added: [], removed: [], changed: [] };
+    // Colours and words say how A stands to B, also where B is shown.
+    const isFirst = flight === model.flights[0];
+    const discs = flight.coverage ? new Discs(flight, layers.modes.includes('difference') ? other : null, isFirst ? 1 : -1) : null;
+    const differing = standings(scene, other?.scene, isFirst);
     const group = new THREE.Group();
     const drones = drawn.map(() => new Drone());
     const frusta = new Frusta(flight);
     group.add(surroundings.group, structures.group, frusta.group, ...routes.map((route) => route.group), ...drones.map((drone) => drone.group));
     if (discs) group.add(discs.mesh);
-    if (differing.removed.length > 0) group.add(ghostsOf(differing.removed, palette()));
+    const ghosts = differing.filter(({ isHere }) => !isHere);
+    if (ghosts.length > 0) group.add(ghostsOf(ghosts, palette()));
     world = {
         scene, flight, group, structures, surroundings, routes, discs, drones, frusta, drawn, differing,
         describe: (structure) => describe(structure),
@@ -144,14 +186,6 @@ function buildWorld(flight) {
     const prefix = (index) => (state.plan === 'both' ? `${'AB'[index]} ` : '');
     setLabels('routes', merged(routes.flatMap((route, index) => route.labels(prefix(index)))));
     setLabels('differing', differenceLabels(differing));
-}
-
-// Frees what the graphics card holds of a group.
-function disposeAll(group) {
-    group.traverse((part) => {
-        part.geometry?.dispose();
-        part.material?.dispose();
-    });
 }
 
 function union(boxes) {
@@ -169,10 +203,10 @@ function merged(list) {
 }
 
 // Names at the structures that differ from the other plan's scene; where these are many the colours have to do.
-function differenceLabels({ added, changed, removed }) {
-    const named = (structures, word) => structures.map(({ name, min, max }) => ({ at: [(min[0] + max[0]) / 2, (min[1] + max[1]) / 2, max[2]], text: `${name}: ${word}`, kind: 'changed' }));
-    const all = [...named(added, 'new'), ...named(changed, 'changed'), ...named(removed, 'gone')];
-    return all.length <= 12 ? all : [];
+function differenceLabels(differing) {
+    if (differing.length > 12) return [];
+    const top = ({ min, max }) => [(min[0] + max[0]) / 2, (min[1] + max[1]) / 2, max[2]];
+    return differing.map(({ structure, standing }) => ({ at: top(structure), text: `${structure.name}: ${STANDINGS[standing]}`, kind: 'changed' }));
 }
 
 function setLabels(owner, list) {
@@ -187,13 +221,17 @@ function paint() {
     if (world) {
         const colours = palette();
         world.structures.tints.fill(null);
-        world.differing.added.forEach(({ index }) => { world.structures.tints[index] = colours.added; });
-        world.differing.changed.forEach(({ index }) => { world.structures.tints[index] = colours.changed; });
+        const here = world.differing.filter(({ isHere }) => isHere);
+        here.forEach(({ structure, standing }) => { world.structures.tints[structure.index] = colours[standing]; });
         if (picked) world.structures.tints[picked.index] = colours.selected;
         [world.structures, world.surroundings, world.frusta, world.discs, ...world.drones].forEach((part) => part?.paint(colours));
-        world.routes.forEach((route) => route.paint(colours, state.colour));
+        paintRoutes();
     }
     refresh();
+}
+
+function paintRoutes() {
+    world?.routes.forEach((route) => route.paint(palette(), state.colour));
 }
 
 // What the switches say.
@@ -224,8 +262,16 @@ function follow(time) {
         world.drones[index].place(drone, below, Math.max(3, 0.022 * stage.distance()));
     });
     if (state.frusta !== 'none') world.frusta.show(imagesAt(world.flight, time), sight);
-    showPicked(picked && describe(picked));
     stage.invalidate();
+    describeSoon();
+}
+
+// What is to be known of the picked structure comes after the picture: to find out how far the path is from it takes longer than all that moves.
+function describeSoon() {
+    describing ??= setTimeout(() => {
+        describing = null;
+        showPicked(picked && describe(picked));
+    }, AFTER_PICTURE_MS);
 }
 
 // How far a ray goes to a structure or the ground.
@@ -243,7 +289,7 @@ function describe(structure) {
     const tally = flight.coverage?.tallies[structure.index];
     if (structure.kind === 'obstacle') lines.push('An obstacle: flown around, not captured');
     else if (tally?.capturable) lines.push(`${((100 * tally.captured) / tally.capturable).toFixed(0)} % captured of what can be (${tally.capturable} of ${tally.exposed} samples)`);
-    else if (tally) lines.push(tally.exposed ? 'Out of reach of this rig' : 'Nothing of it lies open');
+    else if (tally) lines.push(tally.exposed ? 'Out of reach of this rig, or not ordered' : 'Nothing of it lies open');
     lines.push(`${lengthText(structures.distanceTo(structure, droneAt(flight, timeline.time).position))} from the drone now, ${lengthText(pathDistance(structure))} from the path`);
     return lines;
 }
@@ -258,7 +304,7 @@ function pathDistance(structure) {
         let least = Infinity;
         for (const [atLeast, place] of near) {
             if (atLeast >= least) break;
-            least = Math.min(least, structures.distanceTo(structure, place));
+            least = structures.distanceTo(structure, place, least);
         }
         flight.distances.set(structure.id, least);
     }
@@ -274,21 +320,35 @@ function pick(structure, point) {
     const colours = palette();
     if (picked && world) world.structures.tint(picked.index, tintOf(picked, colours));
     picked = structure?.kind === 'terrain' ? null : structure;
-    if (picked) world.structures.tint(picked.index, colours.selected);
-    showPicked(picked && describe(picked));
+    chosenId = picked?.id ?? null;
+    if (picked && world) world.structures.tint(picked.index, colours.selected);
+    const told = picked && world && describe(picked);
+    showPicked(told);
+    byId('where').textContent = told?.join(', ') ?? '';
     stage?.invalidate();
     const { id, name, kind, base_m, top_m } = picked ?? {};
     pickers.forEach((callback) => callback(picked ? { id, name, kind, base_m, top_m, point } : null));
 }
 
+// Also one that only the plan to come has.
+function pickById(id) {
+    pick(structureOf(id), null);
+    chosenId = id;
+}
+
+// The structure with an id in the scene that is shown.
+function structureOf(id) {
+    return (model && shown().scene.structures.find((structure) => structure.id === id)) ?? null;
+}
+
 function tintOf(structure, colours) {
-    if (world.differing.added.includes(structure)) return colours.added;
-    return world.differing.changed.includes(structure) ? colours.changed : null;
+    const differing = world.differing.find((one) => one.structure === structure);
+    return differing ? colours[differing.standing] : null;
 }
 
 function choosePlan(plan) {
     state.plan = plan;
-    picked = null;
+    allow();
     build();
     follow(timeline.time);
 }
@@ -330,22 +390,22 @@ function showInstruments() {
 
 // For programs and tests: what is shown now.
 function told() {
-    const flight = shown();
+    const flight = model && shown();
     const { time } = timeline;
     return {
         time_s: time,
         duration_s: timeline.duration,
         is_playing: timeline.isPlaying,
-        drone_m: droneAt(flight, time).position,
-        captured_percent: capturedPercent(flight, time),
-        images: imagesAt(flight, time),
+        drone_m: flight && droneAt(flight, time).position,
+        captured_percent: flight && capturedPercent(flight, time),
+        images: flight ? imagesAt(flight, time) : [],
         theme: themeName(),
         picked: picked?.id ?? null,
         measured: pointer?.result ?? null,
         frames: stage?.frames ?? 0,
         has_picture: stage !== null,
         first_frame_ms: window.overfly.firstFrame ?? null,
-        structures: flight.scene.structures.length,
+        structures: flight?.scene.structures.length ?? 0,
         ...state,
     };
 }

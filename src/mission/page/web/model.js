@@ -12,9 +12,11 @@ function bytesOf(text) {
 const floats = (text) => new Float32Array(bytesOf(text).buffer);
 const wholes = (text) => new Uint32Array(bytesOf(text).buffer);
 
-export function modelOf(data) {
+// What is the same as in the model `before` is taken over, so that what was made of it stays.
+export function modelOf(data, before) {
     if (data.format !== FORMAT) throw new Error(`the page's data are in the format ${data.format}, this page shows ${FORMAT}`);
-    const scenes = data.scenes.map(sceneOf);
+    const known = before?.scenes ?? [];
+    const scenes = data.scenes.map((scene) => known.find(({ raw }) => isSame(raw, scene)) ?? sceneOf(scene));
     const surfaces = data.surfaces.map((surface) => ({
         count: surface.count,
         positions: floats(surface.positions_m),
@@ -24,6 +26,12 @@ export function modelOf(data) {
     }));
     const flights = data.flights.map((flight) => flightOf(flight, scenes, surfaces));
     return { scenes, flights, version: data.version };
+}
+
+// Whether two scenes look the same, of whatever revision they are.
+function isSame(one, other) {
+    const text = (value) => (typeof value === 'string' ? value : JSON.stringify(value));
+    return Object.keys(one).every((key) => key === 'revision' || text(one[key]) === text(other[key]));
 }
 
 function sceneOf(scene) {
@@ -37,10 +45,12 @@ function sceneOf(scene) {
         return placed;
     });
     const zones = scene.zones.map((zone) => ({ ...zone, area: floats(zone.area) }));
-    return { ...scene, corners, triangles, structures, zones, terrain: structures.find((one) => one.kind === 'terrain' && one.count > 0) };
+    const ground = structures.find((one) => one.kind === 'terrain');
+    const terrain = ground?.count > 0 ? ground : undefined;
+    return { ...scene, raw: scene, corners, triangles, structures, zones, hasHills: ground !== undefined, terrain };
 }
 
-function boxOf(corners, indices) {
+export function boxOf(corners, indices) {
     const min = [Infinity, Infinity, Infinity];
     const max = [-Infinity, -Infinity, -Infinity];
     for (const corner of indices) {
@@ -71,6 +81,7 @@ function flightOf(flight, scenes, surfaces) {
         },
         coverage: coverage && {
             by: coverage.by,
+            knowsBefore: coverage.knows_before,
             threshold: coverage.threshold_percent,
             seen: floats(coverage.seen_s),
             captured: floats(coverage.captured_s),

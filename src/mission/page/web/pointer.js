@@ -24,8 +24,9 @@ export class Pointer {
 
     // What lies under a place of the canvas: a structure or the ground.
     at(x, y) {
+        if (!this.world()) return null;
         const { from, towards } = this.stage.ray(x, y);
-        const met = this.world().structures?.meet(from, towards) ?? null;
+        const met = this.world().structures.meet(from, towards);
         if (met) return met;
         const ground = this.world().scene.terrain ? null : -from[2] / towards[2];
         return ground > 0 ? { structure: null, point: from.map((value, axis) => value + towards[axis] * ground) } : null;

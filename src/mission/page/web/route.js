@@ -3,6 +3,11 @@
 import { distanceOf, rampColour } from './model.js';
 import { meshOf } from './surroundings.js';
 
+// Steps of a ramp that nobody can tell apart.
+const SHADES = 512;
+// The two triangles of a strip of four corners.
+const CORNERS = [0, 1, 2, 2, 1, 3];
+
 export class Route {
     constructor(flight, isOther) {
         this.flight = flight;
@@ -17,9 +22,12 @@ export class Route {
 
     paint(colours, by) {
         const { path, fastest, duration_s: duration } = this.flight;
-        const share = by === 'time' ? (k) => path.times[k] / Math.max(duration, 1e-6) : (k) => path.speeds[k] / Math.max(fastest, 1e-6);
+        const [values, most] = by === 'time' ? [path.times, duration] : [path.speeds, fastest];
         const stops = by === 'time' ? colours.earlyToLate : colours.slowToFast;
-        this.ribbon.paint((k) => (this.isOther ? colours.other : rampColour(stops, share(k))), colours.casing);
+        const shade = (k) => (this.isOther ? colours.other : rampColour(stops, k / SHADES)).map((value) => 255 * value);
+        const ramp = Array.from({ length: SHADES + 1 }, (_, k) => shade(k));
+        const scale = SHADES / Math.max(most, 1e-6);
+        this.ribbon.paint((k) => ramp[Math.min(Math.max(Math.round(values[k] * scale), 0), SHADES)], colours.casing);
         this.waypoints.material.uniforms.colour.value.set(...colours.drone);
         this.waypoints.material.uniforms.rim.value.set(...colours.casing);
         this.ends.material.uniforms.colour.value.set(...(this.isOther ? colours.other : colours.drone));
@@ -44,10 +52,14 @@ class Ribbon {
         const [ends, others] = [new Float32Array(12 * pieces), new Float32Array(12 * pieces)];
         const indices = new Uint32Array(6 * pieces);
         for (let k = 0; k < pieces; k += 1) {
-            const [from, to] = [positions.subarray(3 * k, 3 * k + 3), positions.subarray(3 * k + 3, 3 * k + 6)];
-            [from, from, to, to].forEach((end, c) => ends.set(end, 3 * (4 * k + c)));
-            [to, to, from, from].forEach((end, c) => others.set(end, 3 * (4 * k + c)));
-            indices.set([0, 1, 2, 2, 1, 3].map((c) => 4 * k + c), 6 * k);
+            for (let c = 0; c < 4; c += 1) {
+                const [own, other] = c < 2 ? [3 * k, 3 * k + 3] : [3 * k + 3, 3 * k];
+                for (let axis = 0; axis < 3; axis += 1) {
+                    ends[12 * k + 3 * c + axis] = positions[own + axis];
+                    others[12 * k + 3 * c + axis] = positions[other + axis];
+                }
+            }
+            for (let c = 0; c < 6; c += 1) indices[6 * k + c] = 4 * k + CORNERS[c];
         }
         const geometry = new THREE.BufferGeometry();
         geometry.setAttribute('position', new THREE.BufferAttribute(ends, 3));
@@ -89,12 +101,14 @@ class Ribbon {
         this.mesh.onBeforeRender = (renderer) => renderer.getSize(this.material.uniforms.size.value);
     }
 
-    // `colourAt` gives the colour at a sample of the path.
+    // `colourAt` gives the colour at a sample of the path, in bytes.
     paint(colourAt, rim) {
         const bytes = this.mesh.geometry.attributes.colour.array;
         for (let k = 0; k < this.pieces; k += 1) {
-            const [from, to] = [colourAt(k), colourAt(k + 1)].map((colour) => colour.map((value) => 255 * value));
-            [from, from, to, to].forEach((colour, c) => bytes.set(colour, 3 * (4 * k + c)));
+            const [from, to] = [colourAt(k), colourAt(k + 1)];
+            for (let c = 0; c < 4; c += 1) {
+                for (let channel = 0; channel < 3; channel += 1) bytes[12 * k + 3 * c + channel] = (c < 2 ? from : to)[channel];
+            }
         }
         this.mesh.geometry.attributes.colour.needsUpdate = true;
         this.material.uniforms.rim.value.set(...rim);

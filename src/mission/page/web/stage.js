@@ -8,9 +8,9 @@ export function canDraw() {
         const gl = document.createElement('canvas').getContext('webgl2');
         if (!gl) return null;
         const info = gl.getExtension('WEBGL_debug_renderer_info');
-        const renderer = String(info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER));
+        const name = String(info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER));
         gl.getExtension('WEBGL_lose_context')?.loseContext();
-        return { renderer, isSoftware: /swiftshader|llvmpipe|software|basic render/i.test(renderer) };
+        return { isSoftware: /swiftshader|llvmpipe|software|basic render/i.test(name) };
     } catch {
         return null;
     }
@@ -25,6 +25,8 @@ export class Stage {
         this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !drawing.isSoftware, alpha: true, powerPreference: 'low-power' });
         this.renderer.setClearAlpha(0);
         this.renderer.info.autoReset = true;
+        // The shaders are the library's own, and asking how they fared waits for the card.
+        this.renderer.debug.checkShaderErrors = false;
         this.scene = new THREE.Scene();
         this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 1, 10_000);
         this.camera.up.set(0, 0, 1);
@@ -32,9 +34,11 @@ export class Stage {
         Object.assign(this.controls, { maxPolarAngle: 0.497 * Math.PI, minDistance: 5, screenSpacePanning: false, zoomToCursor: true, rotateSpeed: 0.7 });
         this.controls.addEventListener('change', () => this.invalidate());
         this.labels = [];
+        this.radius = 20;
         this.isDue = false;
         this.frames = 0;
         this.beforeDrawing = [];
+        this.retired = [];
         new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
         this.resize();
     }
@@ -65,9 +69,15 @@ export class Stage {
         this.camera.updateProjectionMatrix();
         this.beforeDrawing.forEach((prepare) => prepare());
         this.renderer.render(this.scene, this.camera);
+        this.retired.splice(0).forEach(disposeAll);
         this.placeLabels();
         this.frames += 1;
         if (this.frames === 1) window.overfly.firstFrame = performance.now();
+    }
+
+    // Frees a group when what takes its place has been drawn: until then both share shaders, which would have to be made anew.
+    retire(group) {
+        this.retired.push(group);
     }
 
     distance() {
@@ -108,7 +118,7 @@ export class Stage {
         this.look({ azimuth: 0, elevation: 89.5, target, distance: this.distance() });
     }
 
-    // From where the camera looks: clockwise from north as seen from the target's north, up from the horizon, degrees.
+    // Which way the camera looks, clockwise from north, and from how far above the horizon, degrees.
     look({ azimuth, elevation, target, distance }) {
         const [a, e] = [azimuth, elevation].map((angle) => (angle * Math.PI) / 180);
         this.controls.target.set(...target);
@@ -185,4 +195,12 @@ export class Stage {
             if (place) element.style.transform = `translate(${place[0].toFixed(1)}px, ${place[1].toFixed(1)}px)`;
         }
     }
+}
+
+// Frees what the graphics card holds of a group.
+function disposeAll(group) {
+    group.traverse((part) => {
+        part.geometry?.dispose();
+        part.material?.dispose();
+    });
 }

@@ -1,17 +1,22 @@
 // The structures of a scene as one mesh with baked light, their edges as one set of lines; and what a ray meets of them.
 
+import { boxOf } from './model.js';
+
 // From the south-west, as maps are lit. Each facade has a shade of its own.
 const SUN = [-0.42, -0.62, 0.66];
 // Walls are darker near the ground, m.
 const DARK_FOOT_M = 12;
 // Faces that meet at less than about 22 degrees are one face.
 const FLAT_COSINE = 0.927;
+// Triangles that are looked at together.
+const BLOCK = 64;
 
 export class Structures {
     constructor(scene) {
         this.scene = scene;
         this.group = new THREE.Group();
         this.tints = scene.structures.map(() => null);
+        this.blocks = new Map();
         this.mesh = this.makeMesh();
         this.edges = this.makeEdges();
         this.group.add(this.mesh, this.edges);
@@ -21,17 +26,12 @@ export class Structures {
         const { corners, triangles } = this.scene;
         const positions = new Float32Array(3 * triangles.length);
         this.normals = new Float32Array(triangles.length);
-        for (let k = 0; k < triangles.length; k += 3) {
-            const at = [0, 1, 2].map((c) => 3 * triangles[k + c]);
-            for (let c = 0; c < 3; c += 1) positions.set(corners.subarray(at[c], at[c] + 3), 3 * (k + c));
-            this.normals.set(faceNormal(corners, at), k);
+        for (let k = 0; k < triangles.length; k += 1) {
+            for (let axis = 0; axis < 3; axis += 1) positions[3 * k + axis] = corners[3 * triangles[k] + axis];
         }
+        for (let t = 0; t < triangles.length; t += 3) setNormal(this.normals, positions, t);
         const geometry = new THREE.BufferGeometry();
         geometry.setAttribute('position', new THREE.BufferAttribute(positions, 3));
-        // By corner the structure that it belongs to, so that thousands of them are one mesh.
-        const owners = new Uint32Array(triangles.length);
-        for (const { first, count, index } of this.scene.structures) owners.fill(index, 3 * first, 3 * (first + count));
-        geometry.setAttribute('structure', new THREE.BufferAttribute(owners, 1));
         geometry.setAttribute('color', new THREE.BufferAttribute(new Uint8Array(3 * triangles.length), 3, true));
         const material = new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
         const mesh = new THREE.Mesh(geometry, material);
@@ -96,12 +96,13 @@ export class Structures {
         const bytes = this.mesh.geometry.attributes.color.array;
         const positions = this.mesh.geometry.attributes.position.array;
         for (let t = first; t < first + count; t += 1) {
-            const [x, y, z] = this.normals.subarray(3 * t, 3 * t + 3);
+            const [x, y, z] = [this.normals[3 * t], this.normals[3 * t + 1], this.normals[3 * t + 2]];
             const light = 0.66 + 0.26 * Math.max(0, x * SUN[0] + y * SUN[1] + z * SUN[2]) + 0.14 * Math.max(0, z);
             for (let k = 3 * t; k < 3 * t + 3; k += 1) {
                 const above = Math.min(Math.max((positions[3 * k + 2] - base) / DARK_FOOT_M, 0), 1);
                 const foot = kind === 'terrain' || z > 0.7 ? 1 : 0.84 + 0.16 * above;
-                for (let c = 0; c < 3; c += 1) bytes[3 * k + c] = Math.min(255, 255 * linear(colour[c] * Math.min(light * foot * shade, 1.06)));
+                const strength = Math.min(light * foot * shade, 1.06) * (BYTES.length - 1);
+                for (let c = 0; c < 3; c += 1) bytes[3 * k + c] = BYTES[Math.min(Math.round(colour[c] * strength), BYTES.length - 1)];
             }
         }
     }
@@ -110,13 +111,45 @@ export class Structures {
     meet(from, towards) {
         let nearest = null;
         for (const structure of this.scene.structures) {
-            if (structure.count === 0 || !meetsBox(from, towards, structure, nearest?.distance ?? Infinity)) continue;
-            for (let t = structure.first; t < structure.first + structure.count; t += 1) {
-                const distance = this.meetTriangle(from, towards, t);
-                if (distance !== null && distance < (nearest?.distance ?? Infinity)) nearest = { distance, structure };
-            }
+            const distance = this.meetStructure(structure, from, towards, nearest?.distance ?? Infinity);
+            if (distance !== null) nearest = { distance, structure };
         }
         return nearest && { ...nearest, point: from.map((value, axis) => value + towards[axis] * nearest.distance) };
+    }
+
+    // How far a ray goes to a structure, if it meets it within `farthest`.
+    meetStructure(structure, from, towards, farthest) {
+        if (structure.count === 0 || !meetsBox(from, towards, structure, farthest)) return null;
+        let nearest = farthest;
+        for (const block of this.blocksOf(structure)) {
+            if (!meetsBox(from, towards, block, nearest)) continue;
+            for (let t = block.first; t < block.end; t += 1) {
+                const distance = this.meetTriangle(from, towards, t);
+                if (distance !== null && distance < nearest) nearest = distance;
+            }
+        }
+        return nearest < farthest ? nearest : null;
+    }
+
+    // How high the ground is below a place: that of the lowest place, 0, where nothing is known of it.
+    groundAt([x, y]) {
+        const { terrain } = this.scene;
+        const above = terrain ? this.meetStructure(terrain, [x, y, terrain.max[2] + 1], [0, 0, -1], Infinity) : null;
+        return above === null ? 0 : terrain.max[2] + 1 - above;
+    }
+
+    // A structure's triangles in blocks with a box each: most are passed over without a look at their triangles.
+    blocksOf(structure) {
+        if (this.blocks.has(structure)) return this.blocks.get(structure);
+        const { corners, triangles } = this.scene;
+        const blocks = [];
+        const last = structure.first + structure.count;
+        for (let first = structure.first; first < last; first += BLOCK) {
+            const end = Math.min(first + BLOCK, last);
+            blocks.push({ first, end, ...boxOf(corners, triangles.subarray(3 * first, 3 * end)) });
+        }
+        this.blocks.set(structure, blocks);
+        return blocks;
     }
 
     // After Moeller and Trumbore, 1997.
@@ -136,34 +169,54 @@ export class Structures {
         return u < 0 || v < 0 || u + v > 1 || distance < 1e-6 ? null : distance;
     }
 
-    // How far a point is from a structure, m.
-    distanceTo(structure, point) {
+    // How far a point is from a structure, m; `atMost` where it is not nearer than that.
+    distanceTo(structure, point, atMost = Infinity) {
         const { corners, triangles } = this.scene;
-        let least = Infinity;
-        for (let t = structure.first; t < structure.first + structure.count; t += 1) {
-            const [a, b, c] = [0, 1, 2].map((k) => Array.from(corners.subarray(3 * triangles[3 * t + k], 3 * triangles[3 * t + k] + 3)));
-            least = Math.min(least, distanceToTriangle(point, a, b, c));
+        let least = atMost;
+        const near = [];
+        for (const block of this.blocksOf(structure)) {
+            const atLeast = distanceToBox(point, block);
+            if (atLeast < least) near.push([atLeast, block]);
+        }
+        near.sort((a, b) => a[0] - b[0]);
+        for (const [atLeast, { first, end }] of near) {
+            if (atLeast >= least) break;
+            for (let t = first; t < end; t += 1) {
+                const [a, b, c] = [0, 1, 2].map((k) => Array.from(corners.subarray(3 * triangles[3 * t + k], 3 * triangles[3 * t + k] + 3)));
+                least = Math.min(least, distanceToTriangle(point, a, b, c));
+            }
         }
         return least;
     }
 }
 
-// Colours of vertices are taken as linear light.
-export const linear = (value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
+// Colours of vertices are taken as linear light: for shares of the brightest the byte that stands for it.
+const BYTES = Uint8Array.from({ length: 1025 }, (_, k) => {
+    const value = k / 1024;
+    return 255 * (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
+});
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const minus = (corners, b, a) => [corners[b] - corners[a], corners[b + 1] - corners[a + 1], corners[b + 2] - corners[a + 2]];
 
-function faceNormal(corners, [a, b, c]) {
-    const normal = cross(minus(corners, b, a), minus(corners, c, a));
-    const length = Math.hypot(...normal) || 1;
-    return normal.map((value) => value / length);
+// The normal of the triangle that begins at corner `k` of the positions, at the same place.
+function setNormal(normals, positions, k) {
+    const p = 3 * k;
+    const [ux, uy, uz] = [positions[p + 3] - positions[p], positions[p + 4] - positions[p + 1], positions[p + 5] - positions[p + 2]];
+    const [vx, vy, vz] = [positions[p + 6] - positions[p], positions[p + 7] - positions[p + 1], positions[p + 8] - positions[p + 2]];
+    const [x, y, z] = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+    const length = Math.sqrt(x * x + y * y + z * z) || 1;
+    [normals[k], normals[k + 1], normals[k + 2]] = [x / length, y / length, z / length];
 }
 
 function meetsBox(from, towards, { min, max }, farthest) {
     let [enter, leave] = [0, farthest];
     for (let axis = 0; axis < 3; axis += 1) {
+        if (towards[axis] === 0) {
+            if (from[axis] < min[axis] || from[axis] > max[axis]) return false;
+            continue;
+        }
         const inverse = 1 / towards[axis];
         const [near, far] = [(min[axis] - from[axis]) * inverse, (max[axis] - from[axis]) * inverse];
         enter = Math.max(enter, Math.min(near, far));
@@ -173,7 +226,9 @@ function meetsBox(from, towards, { min, max }, farthest) {
 }
 
 export function distanceToBox(point, { min, max }) {
-    return Math.hypot(...point.map((value, axis) => Math.max(min[axis] - value, 0, value - max[axis])));
+    let square = 0;
+    for (let axis = 0; axis < 3; axis += 1) square += Math.max(min[axis] - point[axis], 0, point[axis] - max[axis]) ** 2;
+    return Math.sqrt(square);
 }
 
 // After Ericson, Real-Time Collision Detection, 5.1.5.

@@ -7,8 +7,10 @@ const ENDLESS_M = 400;
 export const niceLength = (metres) => NICE_M.find((nice) => nice >= metres) ?? NICE_M[NICE_M.length - 1];
 
 export class Surroundings {
-    constructor(scene, bounds) {
+    // `groundAt` tells how high the ground is at a place.
+    constructor(scene, bounds, groundAt) {
         this.scene = scene;
+        this.groundAt = groundAt;
         this.group = new THREE.Group();
         this.zones = new THREE.Group();
         const extent = Math.max(bounds.max[0] - bounds.min[0], bounds.max[1] - bounds.min[1], 60);
@@ -67,12 +69,15 @@ export class Surroundings {
         const floor = Math.max(zone.floor_m, 0);
         const top = Math.min(zone.ceiling_m ?? Infinity, Math.max(bounds.max[2] + 60, ENDLESS_M));
         const [faces, lines] = [[], []];
-        for (let k = 0; k < zone.area.length; k += 2) faces.push(zone.area[k], zone.area[k + 1], top);
+        // Zones count from the ground below.
+        const at = ([x, y], above) => [x, y, this.groundAt([x, y]) + above];
+        for (let k = 0; k < zone.area.length; k += 2) faces.push(...at(zone.area.subarray(k, k + 2), top));
         for (const ring of zone.rings) {
-            ring.forEach(([ax, ay], k) => {
-                const [bx, by] = ring[(k + 1) % ring.length];
-                faces.push(ax, ay, floor, bx, by, floor, bx, by, top, ax, ay, floor, bx, by, top, ax, ay, top);
-                lines.push(ax, ay, floor, bx, by, floor, ax, ay, top, bx, by, top, ax, ay, floor, ax, ay, top);
+            ring.forEach((corner, k) => {
+                const next = ring[(k + 1) % ring.length];
+                const [a, b, c, d] = [at(corner, floor), at(next, floor), at(next, top), at(corner, top)];
+                faces.push(...a, ...b, ...c, ...a, ...c, ...d);
+                lines.push(...a, ...b, ...d, ...c, ...a, ...d);
             });
         }
         const solid = meshOf(faces, new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.16, side: THREE.DoubleSide, depthWrite: false }));
@@ -116,7 +121,8 @@ export class Surroundings {
             const middle = [0, 1].map((axis) => ring.reduce((sum, corner) => sum + corner[axis], 0) / ring.length);
             const top = zone.ceiling_m ?? ENDLESS_M;
             const upper = zone.ceiling_m === null ? 'no upper end' : `${Math.round(zone.ceiling_m)} m`;
-            return { at: [...middle, Math.min(top, 150)], text: `${zone.name}: ${Math.round(Math.max(zone.floor_m, 0))} m to ${upper}`, kind: 'zone' };
+            const at = [...middle, this.groundAt(middle) + Math.min(top, 150)];
+            return { at, text: `${zone.name}: ${Math.round(Math.max(zone.floor_m, 0))} m to ${upper}`, kind: 'zone' };
         });
     }
 }

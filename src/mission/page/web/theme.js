@@ -55,7 +55,7 @@ const PALETTES = {
     },
 };
 
-// What is captured: the colours of the coverage models and of plan.svg.
+// What is captured.
 export const COVERAGE = {
     captured: hex('#2673b2'),
     nothing: hex('#d73027'),

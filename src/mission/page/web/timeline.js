@@ -16,7 +16,8 @@ export class Timeline {
 
     setDuration(duration, share) {
         this.duration = duration;
-        Object.assign(this.slider, { min: 0, max: duration.toFixed(1), step: STEP_S });
+        // Not below the duration, so that the end can be reached.
+        Object.assign(this.slider, { min: 0, max: (Math.ceil(duration / STEP_S) * STEP_S).toFixed(1), step: STEP_S });
         this.go(share * duration);
     }
 

@@ -72,6 +72,8 @@ struct Vehicle {
     heard: Duration,
     is_armed: bool,
     is_lost: bool,
+    /// As the autopilot numbers it, and whether it is that of missions.
+    mode: Option<u32>,
     is_on_mission: Option<bool>,
 }
 

@@ -49,8 +49,16 @@ impl Pilot {
         let Some(autopilot) = kind else {
             return self.end(Err(PilotError::Kind { vehicle: from, code: heartbeat.autopilot as u8 }));
         };
-        self.vehicle =
-            Some(Vehicle { address: from, autopilot, found: now, heard: now, is_armed, is_lost: false, is_on_mission: None });
+        self.vehicle = Some(Vehicle {
+            address: from,
+            autopilot,
+            found: now,
+            heard: now,
+            is_armed,
+            is_lost: false,
+            mode: None,
+            is_on_mission: None,
+        });
         self.notices.push(Notice::Found { vehicle: from, autopilot, is_armed });
         self.ask_for_messages();
     }
@@ -63,13 +71,19 @@ impl Pilot {
             Autopilot::ArduPilot => mode == 3,
         };
         let is_under_way = self.progress.as_ref().is_some_and(Progress::is_under_way);
+        let has_turned = vehicle.mode.replace(mode).is_some_and(|was| was != mode);
         let has_changed = vehicle.is_on_mission.replace(is_mission).is_some_and(|was| was != is_mission);
         if has_changed && is_under_way {
             self.notices.push(Notice::Mode { is_mission, mode });
         }
         // One that has held flies on without an order of ours: its pilot has decided.
-        if has_changed && is_mission && self.held.is_some() && self.has_obeyed() {
-            self.let_go("its pilot flies on along the one before");
+        if self.held.is_some() && self.has_obeyed() {
+            match (has_changed, is_mission) {
+                (true, true) => self.let_go("its pilot flies on along the one before"),
+                // From holding to something else; what it holds in is the first such mode.
+                (false, false) if has_turned => self.let_go("its pilot has taken over"),
+                _ => {}
+            }
         }
     }
 

@@ -28,7 +28,8 @@ impl Pilot {
             self.out.push(upload.cancel());
             self.work = Work::Idle;
         }
-        if self.options.holds && self.is_in_flight() && self.held.replace(Held::NoFlight).is_none() {
+        let is_ours = self.is_in_flight() && !self.is_by_hand();
+        if self.options.holds && is_ours && self.held.replace(Held::NoFlight).is_none() {
             self.orders.push_back(Order::Hold);
         }
     }
@@ -38,6 +39,11 @@ impl Pilot {
         let is_on_mission = self.vehicle.is_some_and(|vehicle| vehicle.is_on_mission == Some(true));
         let is_on_its_way = self.held.is_some() || (is_on_mission && self.is_airborne());
         self.progress.as_ref().is_some_and(|progress| progress.is_under_way() || (is_on_its_way && !progress.is_flown()))
+    }
+
+    /// Whether it flies otherwise than we have told it to: its pilot, or a failsafe, has it, and gets no orders from here.
+    pub(super) fn is_by_hand(&self) -> bool {
+        self.held.is_none() && self.vehicle.is_some_and(|vehicle| vehicle.is_on_mission == Some(false))
     }
 
     /// Whether an aircraft is at rest; one that is not is told to hold.

@@ -113,6 +113,11 @@ impl Pilot {
         let from_m = self.far_off(&join, new, &plain);
         let joined = Joined { waypoint: join.waypoint, from_m };
         if from_m.is_some() && is_under_way {
+            if self.is_by_hand() {
+                // A mission that begins where it is now would be flown from wherever its pilot lets go of it.
+                self.not_before = now + PAUSE;
+                return Ok(None);
+            }
             // Nothing holds for a path that it cannot reach.
             if self.held.is_none() {
                 Mission::new(new, &options, Some(joined))?;

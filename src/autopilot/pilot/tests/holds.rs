@@ -180,3 +180,42 @@ fn a_mission_that_is_there_is_followed_even_where_its_item_cannot_be_set() {
     let told = field.notices.iter().any(|notice| matches!(notice, Notice::Disobeyed(OrderError::NotCurrent { .. })));
     assert!(told && field.kept().is_empty() && field.pilot.outcome().is_none(), "{:?}", field.notices);
 }
+
+/// Position control by hand, as PX4 numbers it.
+const BY_HAND: u32 = 3 << 16;
+
+#[test]
+fn an_aircraft_in_its_pilots_hands_gets_no_orders() {
+    let (old, far) = (plan(&corners(0.0)), far_away());
+    let mut field = Field::on_the_way(options(), &old);
+    field.mode = BY_HAND;
+    field.run(1.0);
+    field.pilot.hold();
+    field.fly(6, &far, Some((5, 0)));
+    field.run(15.0);
+    assert_eq!((&field.commands[..], field.joined()), (&[][..], None), "{:?}", field.notices);
+    field.mode = MISSION;
+    field.run(3.0);
+    assert_eq!((&field.commands[..], field.joined()), (&[HOLD][..], None), "given back, it holds for the path far away");
+}
+
+#[test]
+fn an_aircraft_that_is_taken_over_while_it_holds_is_not_let_fly() {
+    let (old, far) = (plan(&corners(0.0)), far_away());
+    for is_far in [true, false] {
+        let mut field = Field::on_the_way(options(), &old);
+        if is_far {
+            field.fly(6, &far, Some((5, 0)))
+        } else {
+            field.pilot.hold()
+        }
+        field.run(1.0);
+        field.mode = LOITER;
+        field.run(1.0);
+        field.mode = BY_HAND;
+        field.run(1.0);
+        field.fly(7, &plan(&corners(30.0)), Some((5, 7)));
+        field.run(15.0);
+        assert_eq!(field.commands, [HOLD], "{is_far}: {:?}", field.notices);
+    }
+}

@@ -154,7 +154,9 @@ function buildWorld(flight) {
     if (world) {
         stage.scene.remove(world.group);
         if (!isNewScene) world.group.remove(world.structures.group);
-        disposeAll(world.group);
+        // Shaders that the next picture needs as well are taken over from the last one; compiling them takes longer than all else.
+        const { group: former } = world;
+        stage.afterDrawing.push(() => disposeAll(former));
     }
     const other = model.flights.find((one) => one !== flight);
     const structures = isNewScene ? new Structures(scene) : world.structures;

@@ -36,6 +36,8 @@ export class Stage {
         this.isDue = false;
         this.frames = 0;
         this.beforeDrawing = [];
+        // Once.
+        this.afterDrawing = [];
         new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
         this.resize();
     }
@@ -67,6 +69,7 @@ export class Stage {
         this.beforeDrawing.forEach((prepare) => prepare());
         this.renderer.render(this.scene, this.camera);
         this.placeLabels();
+        this.afterDrawing.splice(0).forEach((act) => act());
         this.frames += 1;
         if (this.frames === 1) window.overfly.firstFrame = performance.now();
     }

@@ -278,6 +278,12 @@ def what_has_not_changed_is_not_made_again(running, folder, made):
     assert shown.state()["colour"] == "time" and shown.page.evaluate(MESHES) == before, "only the path has other colours"
     shown.page.evaluate("{ const data = JSON.parse(document.getElementById('data').textContent); data.scenes[0].revision = 2; overfly.show(data); }")
     assert shown.page.evaluate(MESHES)[0][0] == before[0][0], "the same scene in another revision"
+    shaders = lambda: shown.page.evaluate("overfly.stage().renderer.info.programs.map((one) => one.id).sort().join()")
+    shown.settle()
+    compiled = shaders()
+    shown.page.evaluate("{ const data = JSON.parse(document.getElementById('data').textContent); data.scenes[0].name = 'other'; overfly.show(data); }")
+    shown.settle()
+    assert shown.page.evaluate(MESHES)[0][0] != before[0][0] and shaders() == compiled, "another scene, and no shader is compiled anew"
     shown.close()
 
 

@@ -41,6 +41,12 @@ export class Timeline {
         if (!this.isPlaying) this.timer = setTimeout(() => { this.status.textContent = this.describe?.(this.time) ?? ''; }, 500);
     }
 
+    // For who hears the page: what has happened, in place of what was to be said of the time.
+    say(text) {
+        clearTimeout(this.timer);
+        this.status.textContent = text;
+    }
+
     play(isPlaying) {
         if (this.isPlaying === isPlaying) return;
         this.isPlaying = isPlaying;

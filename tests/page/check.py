@@ -287,6 +287,23 @@ def what_has_not_changed_is_not_made_again(running, folder, made):
     shown.close()
 
 
+def what_moves_is_drawn_coarsely_and_sharply_at_rest(running, folder, made):
+    shown = Shown(running, folder / "before/plan.html")
+    shown.page.wait_for_timeout(600)
+    width = lambda: shown.page.evaluate("document.getElementById('canvas').width / document.getElementById('canvas').clientWidth")
+    assert width() == 1, width()
+    turned = """new Promise((done) => {
+        let left = 6;
+        const turn = () => { overfly.stage().turn(2, 0); left -= 1; left ? requestAnimationFrame(turn) : done(); };
+        turn();
+    })"""
+    shown.page.evaluate(turned)
+    assert width() < 0.7, width()
+    shown.page.wait_for_timeout(600)
+    assert width() == 1, width()
+    shown.close()
+
+
 def odd_times_do_not_hang_the_page(running, folder, made):
     shown = Shown(running, folder / "before/plan.html")
     shown.page.evaluate(
@@ -478,6 +495,7 @@ CHECKS = [
     plans_that_capture_the_same_do_not_differ,
     a_picked_structure_stays_picked_while_it_is_there,
     what_has_not_changed_is_not_made_again,
+    what_moves_is_drawn_coarsely_and_sharply_at_rest,
     odd_times_do_not_hang_the_page,
     heights_over_hills_say_from_where_they_count,
     new_data_keep_camera_and_time,

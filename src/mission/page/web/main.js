@@ -117,6 +117,7 @@ function show(data) {
     if (isFirst && layers.modes.includes('difference')) layers.set('coverage', 'difference');
     build();
     if (isFirst) stage?.home();
+    else stage?.hurry();
     timeline.setDuration(Math.max(...model.flights.map((flight) => flight.duration_s)), share);
     byId('structures-table').open ||= stage === null;
 }
@@ -324,7 +325,7 @@ function pick(structure, point) {
     if (picked && world) world.structures.tint(picked.index, colours.selected);
     const told = picked && world && describe(picked);
     showPicked(told);
-    byId('where').textContent = told?.join(', ') ?? '';
+    timeline.say(told?.join(', ') ?? '');
     stage?.invalidate();
     const { id, name, kind, base_m, top_m } = picked ?? {};
     pickers.forEach((callback) => callback(picked ? { id, name, kind, base_m, top_m, point } : null));

@@ -2,6 +2,11 @@
 
 const FIELD_OF_VIEW_DEG = 40;
 const START_VIEW = { azimuth: 28, elevation: 34 };
+// Without a graphics card what moves is drawn with so many pixels of a side, and sharply again when it rests. It moves while one picture follows the
+// other within the first time, and rests after the second, ms.
+const COARSE = 0.6;
+const MOVES_MS = 160;
+const RESTS_MS = 240;
 
 export function canDraw() {
     try {
@@ -21,7 +26,9 @@ export class Stage {
         this.canvas = canvas;
         this.overlay = overlay;
         // A processor that draws in place of a graphics card gets fewer pixels to fill.
-        this.most_pixels = drawing.isSoftware ? 1 : 2;
+        this.isSoftware = drawing.isSoftware;
+        this.sharpness = 1;
+        this.drawn = -Infinity;
         this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !drawing.isSoftware, alpha: true, powerPreference: 'low-power' });
         this.renderer.setClearAlpha(0);
         this.renderer.info.autoReset = true;
@@ -46,13 +53,32 @@ export class Stage {
     resize() {
         const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
         if (width === 0 || height === 0) return;
-        this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, this.most_pixels));
+        this.renderer.setPixelRatio(this.pixelRatio());
         this.renderer.setSize(width, height, false);
         this.camera.aspect = width / height;
         // What is looked at stands in the middle of what the switches leave free.
         this.camera.setViewOffset(width, height, width > 760 ? 105 : 0, 0, width, height);
         this.camera.updateProjectionMatrix();
         this.invalidate();
+    }
+
+    // What comes next is to be seen soon rather than sharply, as if it moved.
+    hurry() {
+        this.drawn = performance.now();
+    }
+
+    pixelRatio() {
+        return Math.min(window.devicePixelRatio, this.isSoftware ? 1 : 2) * this.sharpness;
+    }
+
+    // How sharp a picture that is drawn now is to be.
+    sharpen() {
+        const sharpness = this.isSoftware && performance.now() - this.drawn < MOVES_MS ? COARSE : 1;
+        clearTimeout(this.resting);
+        if (sharpness < 1) this.resting = setTimeout(() => this.invalidate(), RESTS_MS);
+        if (sharpness === this.sharpness) return;
+        this.sharpness = sharpness;
+        this.renderer.setPixelRatio(this.pixelRatio());
     }
 
     invalidate() {
@@ -63,6 +89,7 @@ export class Stage {
 
     draw() {
         this.isDue = false;
+        this.sharpen();
         const distance = this.distance();
         this.camera.near = Math.max(distance / 400, 0.3);
         this.camera.far = distance + 8 * this.radius;
@@ -72,6 +99,7 @@ export class Stage {
         this.retired.splice(0).forEach(disposeAll);
         this.placeLabels();
         this.frames += 1;
+        this.drawn = performance.now();
         if (this.frames === 1) window.overfly.firstFrame = performance.now();
     }
 

@@ -92,7 +92,9 @@ pub fn replan(
     if let Some(en_route) = &options.en_route {
         order.departure = Some(order.depart(en_route)?);
     }
+    order.check_wanted()?;
     let resumed = order.resumed();
+    order.check_wanted()?;
     let mut interim = Interim::new(&order, on_interim);
     if let Some(path) = &resumed {
         match order.on_the_way(path, StopReason::Repaired, record) {
@@ -164,7 +166,8 @@ fn refined(
         (Objective::Time, None, Some(left_s)) => (Aim::LeastTimeWithin { required, within_ns: within_ns(left_s) }, counting),
         (Objective::Time, None, None) => (Aim::LeastTime { required }, counting),
     };
-    let mut ground = Ground::new(problem, settings, options.start_m.is_some(), counting);
+    order.check_wanted()?;
+    let mut ground = Ground::new(problem, settings, options.start_m.is_some(), counting, stop);
     let home = order.departure.as_ref().map(|departure| order.way_home(departure)).transpose()?;
     if let Some(departure) = &order.departure {
         (ground.fixed, ground.takes_at_ends) = (departure.fixed(), departure.takes_at_ends());

@@ -49,7 +49,9 @@ impl Order<'_> {
         let Self { snapshot, settings, options, problem, matched_goal_percent, stop, ref departure, .. } = *self;
         let rig = &problem.rig;
         let route = self.whole_route(route);
+        self.check_wanted()?;
         let (limits, deviations_m, profile) = self.timed(&route.waypoints);
+        self.check_wanted()?;
         let Exposed { mut images, delayed, dropped } = images::expose(&route, rig, &profile);
         let record = match before {
             Some(before) => before.after(snapshot, problem, &images, stop),
@@ -63,6 +65,7 @@ impl Order<'_> {
             let selected = select::select(problem, record.sightings(), images.len(), enough);
             images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
         }
+        self.check_wanted()?;
         let egress = departure.as_ref().map_or_else(Egress::default, |departure| departure.egress);
         egress.check(&profile.curve().waypoints, &limits, &snapshot.free)?;
         let clearance_m = safety::check_behind(profile.curve(), egress.legs(), self.scope())?;
@@ -109,6 +112,11 @@ impl Order<'_> {
         Ok(Made { plan, record })
     }
 
+    /// Each of a plan's parts takes milliseconds in a large scene: between them it is looked whether anybody still wants it.
+    pub fn check_wanted(&self) -> Result<(), PlanError> {
+        if self.stop.is_abandoned() { Err(PlanError::Abandoned) } else { Ok(()) }
+    }
+
     /// What can still be flown of an earlier flight, for the methods whose images are all along the path.
     pub fn resumed(&self) -> Option<Vec<Pose>> {
         let Self { options, problem, .. } = *self;
@@ -142,6 +150,9 @@ impl Order<'_> {
     /// What a finished path is really worth, by exact rays from its images; of a flight that begins in the air the part that is searched.
     pub fn confirmed(&self, path: &[Pose]) -> Confirmed {
         let Self { snapshot, problem, stop, .. } = *self;
+        if self.check_wanted().is_err() {
+            return Confirmed { worth: Worth::default(), duration_s: f64::INFINITY };
+        }
         let route = self.whole_route(Route::continuous(path, &problem.rig, problem.spacing));
         let (_, _, profile) = self.timed(&route.waypoints);
         let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);

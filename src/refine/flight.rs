@@ -62,10 +62,15 @@ impl Flight {
     pub fn new(ground: &Ground, path: &[Pose]) -> Self {
         let [at_first, at_last] = ground.takes_at_ends;
         let takes = |k: usize| (k > 0 || at_first) && (k + 1 < path.len() || at_last);
-        let waypoint = |k: usize| Waypoint {
-            pose: path[k],
-            seen: if takes(k) { ground.at_waypoint(&path[k], Look::Rays) } else { Arc::clone(&ground.nothing) },
-            leg: path.get(k + 1).map_or_else(|| Arc::clone(&ground.nothing), |next| ground.on_leg(&path[k], next, Look::Rays)),
+        let nothing = || Arc::clone(&ground.nothing);
+        let waypoint = |k: usize| {
+            let pose = path[k];
+            if ground.stop.is_abandoned() {
+                return Waypoint { pose, seen: nothing(), leg: nothing() };
+            }
+            let seen = if takes(k) { ground.at_waypoint(&pose, Look::Rays) } else { nothing() };
+            let leg = path.get(k + 1).map_or_else(nothing, |next| ground.on_leg(&pose, next, Look::Rays));
+            Waypoint { pose, seen, leg }
         };
         Self::of_waypoints(ground, (0..path.len()).into_par_iter().map(waypoint).collect())
     }

@@ -13,6 +13,7 @@ use crate::coverage::{Bearing, Information, Mask, Matching};
 use crate::search::Problem;
 use crate::search::leg::image_poses;
 use crate::settings::{RefineSettings, Settings};
+use crate::stop::StopToken;
 use crate::trajectory::profile::Limits;
 
 /// The problem with what the moves need of it.
@@ -48,6 +49,8 @@ pub struct Ground<'a> {
     captured: Arc<Sights>,
     /// Area-weighted cells that these cover.
     pub captured_information: Information,
+    /// Of an abandoned search nobody asks any more what is seen from where.
+    pub stop: StopToken,
 }
 
 /// The wanted samples of a row of the field, with their positions.
@@ -80,7 +83,13 @@ pub enum Look {
 }
 
 impl<'a> Ground<'a> {
-    pub fn new(problem: &'a Problem<'a>, settings: &'a Settings, is_start_fixed: bool, counting: Counting) -> Self {
+    pub fn new(
+        problem: &'a Problem<'a>,
+        settings: &'a Settings,
+        is_start_fixed: bool,
+        counting: Counting,
+        stop: &StopToken,
+    ) -> Self {
         let is_matching = |i: usize| matches!(counting, Counting::Matched | Counting::MatchedAlone) && problem.matchable[i];
         let is_wanted = |i: usize| match counting {
             Counting::MatchedAlone => is_matching(i),
@@ -113,6 +122,7 @@ impl<'a> Ground<'a> {
             nothing: Arc::new(Sights::default()),
             captured: Arc::new(captured(problem)),
             captured_information: 0,
+            stop: stop.clone(),
         };
         ground.survey();
         ground.most_of_all = ground.most;
@@ -138,6 +148,7 @@ impl<'a> Ground<'a> {
             seers: Vec::new(),
             nothing: Arc::clone(&self.nothing),
             captured: Arc::clone(&self.captured),
+            stop: self.stop.clone(),
             ..*self
         };
         ground.survey();
@@ -151,7 +162,7 @@ impl<'a> Ground<'a> {
         self.wanted.iter().for_each(|&i| is_wanted[i as usize] = true);
         self.seers = vec![Vec::new(); problem.frames.len()];
         self.rows = vec![Row::default(); problem.field.viewpoints.len()];
-        for (j, row) in self.rows.iter_mut().enumerate() {
+        for (j, row) in self.rows.iter_mut().enumerate().take_while(|_| !self.stop.is_abandoned()) {
             for i in problem.seen_from(j).filter(|&i| is_wanted[i]) {
                 self.seers[i].push(j as u32);
                 row.samples.push(i as u32);

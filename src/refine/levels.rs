@@ -85,18 +85,19 @@ mod tests {
     use crate::refine::tests::small_block;
     use crate::refine::{Counting, Worth};
     use crate::search::Problem;
+    use crate::stop::StopToken;
 
     #[test]
     fn levels_get_finer_until_all_samples_count() {
         let (snapshot, mut settings) = small_block();
         let problem = Problem::new(&snapshot, &settings, Rig::preset("panoramic").unwrap());
         let aim = Aim::LeastTime { required: Worth::default() };
-        let wanted = Ground::new(&problem, &settings, false, Counting::Captured).wanted.len() as u32;
+        let wanted = Ground::new(&problem, &settings, false, Counting::Captured, &StopToken::default()).wanted.len() as u32;
         for (coarse_samples, strides) in
             [(wanted, vec![1]), (wanted / 2, vec![2, 1]), (wanted / 4, vec![4, 2, 1]), (wanted / 9, vec![8, 2, 1])]
         {
             settings.refine.coarse_samples = coarse_samples;
-            let ground = Ground::new(&problem, &settings, false, Counting::Captured);
+            let ground = Ground::new(&problem, &settings, false, Counting::Captured, &StopToken::default());
             let levels = Levels::new(&ground, aim);
             assert_eq!((0..=levels.last()).map(|level| levels.ground(level).stride).collect::<Vec<_>>(), strides);
             let ends: Vec<u32> = (0..=levels.last()).map(|level| levels.end(level, 100)).collect();

@@ -40,7 +40,7 @@ fn for_every_rig(check: impl Fn(&Ground, &[Pose], &Settings, &Snapshot)) {
     let (snapshot, settings) = small_block();
     for name in Rig::PRESETS {
         let problem = Problem::new(&snapshot, &settings, Rig::preset(name).expect("a preset"));
-        let ground = Ground::new(&problem, &settings, false, Counting::Matched);
+        let ground = Ground::new(&problem, &settings, false, Counting::Matched, &StopToken::default());
         let positions: Vec<_> = problem.field.viewpoints.iter().map(|row| row.position_m.into()).collect();
         let start = positions[0];
         let next = *positions.iter().find(|next| problem.can_fly(&start, next)).expect("some leg is free");
@@ -138,7 +138,7 @@ fn the_paper_s_objective_only_falls_by_what_a_change_may_cost_and_rises_with_the
         let problem = matching.problem;
         let mut settings = Settings::default();
         settings.refine.sectors = 1;
-        let ground = Ground::new(problem, &settings, false, Counting::Everything);
+        let ground = Ground::new(problem, &settings, false, Counting::Everything, &StopToken::default());
         let objective = &problem.objective;
         // Eq. 6 from the cells of each sample, without the sum that is kept.
         let value = |flight: &Flight| {
@@ -180,7 +180,7 @@ fn the_paper_s_objective_only_falls_by_what_a_change_may_cost_and_rises_with_the
 fn every_waypoint_and_leg_keeps_the_limits_and_a_fixed_start_stays() {
     for_every_rig(|free_ground, path, settings, _| {
         let problem = free_ground.problem;
-        let ground = Ground::new(problem, settings, true, Counting::Matched);
+        let ground = Ground::new(problem, settings, true, Counting::Matched, &StopToken::default());
         let mut annealing = Annealing::new(&ground, path, Aim::LeastTime { required: required(&ground) }, 4);
         (0..12).for_each(|_| annealing.round(1e9, &StopToken::default()));
         let refined = &annealing.best().path;
@@ -220,7 +220,7 @@ fn the_samples_of_a_thinned_ground_are_counted_as_on_the_whole_one() {
 fn where_none_has_to_be_captured_captured_samples_are_worth_nothing() {
     for_every_rig(|both, path, settings, _| {
         let problem = both.problem;
-        let alone = Ground::new(problem, settings, false, Counting::MatchedAlone);
+        let alone = Ground::new(problem, settings, false, Counting::MatchedAlone, &StopToken::default());
         assert!(alone.wanted.iter().all(|&i| problem.matchable[i as usize]));
         let required = Worth { captured: 0, ..required(both) };
         let mut annealing = Annealing::new(&alone, path, Aim::LeastTime { required }, 5);

@@ -98,7 +98,7 @@ fn warm_path(stage: &Stage) -> Vec<Pose> {
     let start = Pose { position: problem.field.viewpoints[first].position_m.into(), direction: problem.rig.pose_directions()[0] };
     let iterations = stage.settings.refine.tree_iterations;
     let tree = search(&problem, start, iterations, 1, &stop, &|_| 0, &mut |_| {}).expect("the town can be flown");
-    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched);
+    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched, &StopToken::default());
     let mut annealing = Annealing::new(&ground, &tree.path, aim(&problem), 1);
     let [first, last] = TEMPERATURES_NS;
     for round in 0..WARM_UP {
@@ -116,7 +116,7 @@ fn aim(problem: &Problem) -> Aim {
 fn tried_changes(bencher: Bencher, rig: &str) {
     let stage = stage(rig);
     let problem = stage.problem();
-    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched);
+    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched, &StopToken::default());
     bench_changes(bencher, &ground, stage);
 }
 
@@ -125,7 +125,7 @@ fn tried_changes(bencher: Bencher, rig: &str) {
 fn tried_changes_on_few_samples(bencher: Bencher, rig: &str) {
     let stage = stage(rig);
     let problem = stage.problem();
-    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched).thinned(FEWER);
+    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched, &StopToken::default()).thinned(FEWER);
     bench_changes(bencher, &ground, stage);
 }
 
@@ -143,7 +143,7 @@ fn bench_changes(bencher: Bencher, ground: &Ground, stage: &Stage) {
 fn flights_from_nothing(bencher: Bencher, rig: &str) {
     let stage = stage(rig);
     let problem = stage.problem();
-    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched);
+    let ground = Ground::new(&problem, &stage.settings, false, Counting::Matched, &StopToken::default());
     bencher
         .counter(ItemsCount::new(1u32))
         .bench_local(|| ONE_CORE.install(|| Annealing::new(&ground, &stage.path, aim(&problem), 1).best().duration_ns));

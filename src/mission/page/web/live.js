@@ -65,9 +65,10 @@
         isHeard: false,
         status: { phase: 'connecting', remark: null, revision: null, removed: [] },
         structures: [],
+        names: '', // of them
         picked: null, // id
         by: 15, // m
-        newest: null, // not drawn yet
+        heard: null, // the newest plan that is not drawn yet, as it came
         isDrawing: false,
         shown: { revision: 0, at: 0, hasPath: false },
         edit: null, // whose path has not come yet
@@ -82,6 +83,13 @@
         const parts = [PHASES[phase], revision && `revision ${revision}`].filter(Boolean).join(', ');
         connection.textContent = remark ? `${parts} (${remark})` : parts;
         room.dataset.phase = phase;
+    }
+
+    function tellNames() {
+        const known = state.structures.map(({ name }) => name).join('\n');
+        if (state.names === known) return;
+        state.names = known;
+        names.replaceChildren(...state.structures.map(({ name }) => make('option', { value: name })));
     }
 
     function tellRemoved() {
@@ -197,8 +205,8 @@
     }
 
     function show() {
-        const { newest } = state;
-        state.newest = null;
+        const newest = JSON.parse(state.heard);
+        state.heard = null;
         const { flights } = newest.page;
         if (flights.length > 0) {
             // A path comes before what it captures is known; how that is looked at comes back with it.
@@ -211,7 +219,7 @@
             }
         }
         state.structures = newest.page.scenes[0].structures.filter((one) => one.kind !== 'terrain');
-        names.replaceChildren(...state.structures.map(({ name }) => make('option', { value: name })));
+        tellNames();
         tellChosen();
         danger.textContent = dangerOf(newest);
         // The next frame has it on the screen; a page in the background draws none.
@@ -219,7 +227,7 @@
             state.shown = { revision: newest.revision, at: performance.now(), hasPath: newest.epoch !== null };
             Object.assign(room.dataset, { revision: newest.revision, epoch: newest.epoch ?? '', interim: newest.is_interim });
             settle();
-            state.isDrawing = state.newest !== null;
+            state.isDrawing = state.heard !== null;
             if (state.isDrawing) begin();
         };
         if (document.hidden) drawn();
@@ -264,7 +272,7 @@
     });
     events.addEventListener('show', (event) => {
         // When plans come faster than they are drawn, only the newest is; but one that has been begun is drawn.
-        state.newest = JSON.parse(event.data);
+        state.heard = event.data;
         if (state.isDrawing) return;
         state.isDrawing = true;
         setTimeout(begin);

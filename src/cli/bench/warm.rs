@@ -146,7 +146,7 @@ fn cancelled_ms(
         let stop = StopToken::default();
         let ended = std::thread::scope(|scope| {
             let search = scope.spawn(|| {
-                let plan = planner::plan(snapshot, settings, &endless, &stop, &mut |_| {});
+                let plan = planner::plan(snapshot, settings, endless, &stop, &mut |_| {});
                 (plan.is_err(), Instant::now())
             });
             std::thread::sleep(Duration::from_millis(number * CANCELLED_STEP_MS % CANCELLED_MOST_MS));

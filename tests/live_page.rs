@@ -273,6 +273,41 @@ fn a_removed_building_can_be_put_back_as_it_was() {
 }
 
 #[test]
+fn a_scene_that_is_loaded_anew_takes_the_place_of_the_one_before() {
+    let served = Served::start();
+    let client = served.client();
+    let load = |seed| client.load(served::block(seed, 9), Some("block"), &mut |_| {}).unwrap();
+    load(1);
+    let page = Page::open(&served, "block");
+    let mut events = page.events();
+    let of_first = events.shown(1)["page"]["scenes"].clone();
+    // Both have the first revision, and neither a plan.
+    load(2);
+    let of_second = events.wait("show", |shown| shown["page"]["scenes"] != of_first);
+    assert_eq!(of_second["revision"], 1, "{of_second:.200}");
+    let id = format!("{:016x}", client.structures("block").unwrap()[0].id);
+    assert_eq!(page.edit(&format!(r#"{{"edit": "remove", "structure": "{id}"}}"#)).status, 200);
+    let removed = |status: &Value| status["removed"].as_array().map_or(0, Vec::len);
+    events.wait("status", |status| status["revision"] == 2 && removed(status) == 1);
+    load(3);
+    events.wait("status", |status| status["revision"] == 1 && removed(status) == 0);
+    let refused = page.edit(&format!(r#"{{"edit": "restore", "structure": "{id}"}}"#));
+    assert_eq!(refused.status, 404, "{}", refused.body);
+}
+
+#[test]
+fn a_plan_in_the_same_scene_is_sent_once() {
+    let (served, client, _) = planned();
+    let page = Page::open(&served, "block");
+    let mut events = page.events();
+    let has_coverage = |shown: &Value| !shown["page"]["flights"][0]["coverage"].is_null();
+    let first = events.wait("show", |shown| has_coverage(shown) && shown["is_interim"] == false)["epoch"].clone();
+    client.plan("block", &quick(), &mut |_| {}).unwrap();
+    let next = events.wait("show", |shown| shown["epoch"].as_u64() > first.as_u64());
+    assert!(has_coverage(&next), "what it captures is known as soon as its path: {next:.200}");
+}
+
+#[test]
 fn a_lost_daemon_is_told_and_found_again() {
     let (mut served, client, tallest) = planned();
     drop(client);

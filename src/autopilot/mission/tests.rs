@@ -40,14 +40,19 @@ fn every_waypoint_of_the_plan_has_its_item_at_its_place() {
     }
 }
 
-#[test]
-fn an_aircraft_that_follows_the_ground_does_not_fly_back_to_be_told_its_height() {
+/// A plan over a hill, flown at heights above the ground in one sortie.
+fn over_a_hill() -> (FreeSpace, NewPlan, CourseOptions) {
     let (scene, plan) = fixture::over_a_hill();
     let free = FreeSpace::new(&scene, &crate::settings::Settings::default().flight).unwrap();
     let altitudes = crate::mission::course::Altitudes::Terrain;
-    let course = &CourseOptions { altitudes, sortie_s: Some(3000.0), ..CourseOptions::default() };
-    let new = NewPlan { epoch: 1, plan: Arc::new(plan), differs_from: None };
-    let options = MissionOptions { course, free: Some(&free), sortie: 1, autopilot: Autopilot::ArduPilot };
+    let course = CourseOptions { altitudes, sortie_s: Some(3000.0), ..CourseOptions::default() };
+    (free, NewPlan { epoch: 1, plan: Arc::new(plan), differs_from: None }, course)
+}
+
+#[test]
+fn an_aircraft_that_follows_the_ground_does_not_fly_back_to_be_told_its_height() {
+    let (free, new, course) = over_a_hill();
+    let options = MissionOptions { course: &course, free: Some(&free), sortie: 1, autopilot: Autopilot::ArduPilot };
     let mission = Mission::new(&new, &options, Some(Joined { waypoint: 1, from_m: None })).unwrap();
     let stop = mission.stops[1];
     let relief = stop.item - stop.begins;
@@ -67,12 +72,8 @@ fn an_aircraft_that_follows_the_ground_does_not_fly_back_to_be_told_its_height()
 
 #[test]
 fn an_aircraft_that_comes_down_to_a_path_flies_its_leg_from_the_beginning() {
-    let (scene, plan) = fixture::over_a_hill();
-    let free = FreeSpace::new(&scene, &crate::settings::Settings::default().flight).unwrap();
-    let altitudes = crate::mission::course::Altitudes::Terrain;
-    let course = &CourseOptions { altitudes, sortie_s: Some(3000.0), ..CourseOptions::default() };
-    let new = NewPlan { epoch: 1, plan: Arc::new(plan), differs_from: None };
-    let options = MissionOptions { course, free: Some(&free), sortie: 1, autopilot: Autopilot::ArduPilot };
+    let (free, new, course) = over_a_hill();
+    let options = MissionOptions { course: &course, free: Some(&free), sortie: 1, autopilot: Autopilot::ArduPilot };
     let whole = Mission::new(&new, &options, None).unwrap();
     let from_m = Some(Point3::new(150.0, 250.0, 100.0));
     for waypoint in 1..4 {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use overfly_client::{
-    Client, ClientError, Domain, PlanMessage, PlanWatch, RefusalCode, SceneState, SceneStatus, Status, StatusFeed,
+    Client, ClientError, Domain, FieldMap, PlanMessage, PlanWatch, RefusalCode, SceneState, SceneStatus, Status, StatusFeed,
 };
 
 use super::board::{Board, Phase};
@@ -47,16 +47,16 @@ fn attend(domain: &Domain, scene: &str, board: &Board, known: &mut Option<u64>) 
     let client = Client::connect(domain, CONNECT)?;
     let watch = client.watch(scene)?;
     let feed = client.status_feed()?;
-    let mut follower = Follower { client: &client, scene, board, stage: Stage::default(), known, owed: None, unshown: None };
+    let mut follower =
+        Follower { client: &client, scene, board, stage: Stage::default(), known, instance: None, owed: None, unshown: None };
     // The plan that was published before anybody looked.
     match client.publish_again(scene) {
         Ok(_) => {}
         Err(ClientError::Refused { code: RefusalCode::UnknownScene, .. }) => follower.show_scene()?,
         Err(error) => return Err(error.into()),
     }
-    let mut instance = None;
     loop {
-        follower.step(&watch, &feed, &mut instance)?;
+        follower.step(&watch, &feed)?;
     }
 }
 
@@ -65,8 +65,10 @@ struct Follower<'a> {
     scene: &'a str,
     board: &'a Board,
     stage: Stage,
-    /// The daemon that what was removed belongs to.
+    /// The daemon that was heard last, to which what was removed belongs.
     known: &'a mut Option<u64>,
+    /// The one that this client found.
+    instance: Option<u64>,
     /// A plan of which only the path is shown so far, and since when.
     owed: Option<(PlanMessage, Instant)>,
     /// Why the last plan is not shown.
@@ -74,7 +76,7 @@ struct Follower<'a> {
 }
 
 impl Follower<'_> {
-    fn step(&mut self, watch: &PlanWatch, feed: &StatusFeed, instance: &mut Option<u64>) -> Result<(), Parting> {
+    fn step(&mut self, watch: &PlanWatch, feed: &StatusFeed) -> Result<(), Parting> {
         let (mut plan, mut newest) = (watch.next(NEWS)?, None);
         while let Some(status) = feed.next(Duration::ZERO)? {
             newest = Some(status);
@@ -84,43 +86,36 @@ impl Follower<'_> {
             self.show_plan(message)?;
             plan = watch.next(Duration::ZERO)?;
         }
-        if let Some(status) = newest {
-            if *instance.get_or_insert(status.instance) != status.instance {
-                return Err(Parting::Lost("the daemon was started anew".into()));
-            }
-            self.take(&status)?;
-        }
+        newest.map_or(Ok(()), |status| self.take(&status))?;
         if let Some((message, _)) = self.owed.take_if(|(_, since)| since.elapsed() >= QUIET) {
-            self.show(&message, Detail::Everything)?;
+            self.show(&self.client.field(self.scene)?, &message, Detail::Everything);
         }
         Ok(())
     }
 
     /// After an edit paths go out alone, for as long as one follows the other; what the last of them captures takes a page and this machine longer.
     fn show_plan(&mut self, message: PlanMessage) -> Result<(), Parting> {
-        let before = self.stage.field();
-        let is_next = self.show(&message, Detail::Path)? && self.stage.field() != before;
-        if is_next || self.owed.is_some() {
+        let map = self.client.field(self.scene)?;
+        let is_alone = self.owed.is_some() || self.stage.field() != Some((map.instance(), map.epoch()));
+        let is_shown = self.show(&map, &message, if is_alone { Detail::Path } else { Detail::Everything });
+        if is_alone && is_shown {
             self.owed = Some((message, Instant::now()));
-        } else {
-            self.show(&message, Detail::Everything)?;
         }
         Ok(())
     }
 
     /// Whether the plan is one of the scene as it is. One of an earlier scene is not to be flown any more, and the next one is on its way.
-    fn show(&mut self, message: &PlanMessage, detail: Detail) -> Result<bool, Parting> {
-        let map = self.client.field(self.scene)?;
+    fn show(&mut self, map: &FieldMap, message: &PlanMessage, detail: Detail) -> bool {
         let field = map.table();
         if field.facts.revision != message.table().facts.revision {
-            return Ok(false);
+            return false;
         }
         let shown = self.stage.plan((map.instance(), map.epoch()), &field, message, detail);
         self.unshown = shown.as_ref().err().map(|error| format!("a plan cannot be shown: {error}"));
         if let Ok(state) = shown {
             self.board.show(&state);
         }
-        Ok(true)
+        true
     }
 
     /// The scene alone, where there is no plan of it.
@@ -135,6 +130,9 @@ impl Follower<'_> {
     }
 
     fn take(&mut self, status: &Status) -> Result<(), Parting> {
+        if *self.instance.get_or_insert(status.instance) != status.instance {
+            return Err(Parting::Lost("the daemon was started anew".into()));
+        }
         let scene = status.scenes.iter().find(|scene| scene.name == self.scene);
         let scene = scene.ok_or_else(|| Parting::Unloaded(format!("the scene {:?} is not loaded", self.scene)))?;
         // A plan that was not made again after an edit is none of the scene as it is now.

@@ -193,7 +193,7 @@ fn refined(
     };
     let task = Task { aim, budget, seed: options.seed, is_resumed };
     let confirm = &mut |path: &[Pose]| if is_resumed { interim.confirmed(path) } else { order.confirmed(path) };
-    let mut outcome = refine::refine(&ground, &path, &task, stop, confirm, on_progress);
+    let mut outcome = refine::refine(&ground, &path, &task, confirm, on_progress);
     if let Some(within_s) = order.within_s() {
         let least_s = order.profile(&outcome.path).duration_s();
         match home {

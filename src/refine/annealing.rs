@@ -20,7 +20,6 @@ use super::moves::{self, exponential};
 use crate::camera::Pose;
 use crate::search::Iteration;
 use crate::search::objective::PathSums;
-use crate::stop::StopToken;
 
 /// What is wanted: the least time at a coverage, the most coverage within a time, or the most of the paper's objective.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -215,7 +214,7 @@ impl<'a> Annealing<'a> {
     }
 
     /// One round at a temperature: how much worse a change may make the flight, ns, on average. One that is abandoned ends at once, anywhere.
-    pub fn round(&mut self, temperature_ns: f64, stop: &StopToken) {
+    pub fn round(&mut self, temperature_ns: f64) {
         let (ground, required, steps) = (self.ground, self.demand.required, self.ground.settings.round_moves);
         let pursuit = match self.aim {
             Aim::MostObjective => Pursuit::Objective(&ground.problem.objective),
@@ -234,7 +233,7 @@ impl<'a> Annealing<'a> {
                 random.set_stream(u64::from(rounds) << 8 | worker as u64);
                 let (mut splice, mut returns) = (Splice::default(), Returns::default());
                 for _ in 0..steps {
-                    if stop.is_abandoned() {
+                    if ground.stop.is_abandoned() {
                         break;
                     }
                     let kind = choice.draw(&mut random);

@@ -49,7 +49,7 @@ pub struct Ground<'a> {
     captured: Arc<Sights>,
     /// Area-weighted cells that these cover.
     pub captured_information: Information,
-    /// Of an abandoned search nobody asks any more what is seen from where.
+    /// How the search is told to end: of an abandoned one nobody asks any more what is seen from where.
     pub stop: StopToken,
 }
 

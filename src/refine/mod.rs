@@ -99,11 +99,11 @@ pub fn refine(
     ground: &Ground,
     path: &[Pose],
     task: &Task,
-    stop: &StopToken,
     confirm: &mut dyn FnMut(&[Pose]) -> Confirmed,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Outcome {
     let Task { aim, budget, seed, is_resumed } = *task;
+    let stop = &ground.stop;
     let levels = if is_resumed { Levels::fine(ground) } else { Levels::new(ground, aim) };
     let mut level = 0;
     let mut annealing = Annealing::new(levels.ground(level), path, aim, seed);
@@ -129,7 +129,7 @@ pub fn refine(
             level += 1;
             annealing.move_to(levels.ground(level));
         }
-        annealing.round(temperature_s(ground, task, done, rounds) * 1e9, stop);
+        annealing.round(temperature_s(ground, task, done, rounds) * 1e9);
         done += 1;
         convergence.push(annealing.record());
         if let Budget::Until(until_s) = budget
@@ -189,7 +189,7 @@ impl Mending<'_> {
             }
             annealing.calibrate(&really, true);
             for _ in 0..rounds(attempt) {
-                annealing.round(annealing.coldest_ns(), self.stop);
+                annealing.round(annealing.coldest_ns());
                 if self.stop.is_abandoned() {
                     return false;
                 }

@@ -102,7 +102,7 @@ fn no_image_is_counted_for_more_than_it_really_sees() {
     for_every_rig(|ground, path, _, snapshot| {
         let problem = ground.problem;
         let mut annealing = Annealing::new(ground, path, Aim::LeastTime { required: required(ground) }, 3);
-        (0..12).for_each(|_| annealing.round(1e9, &StopToken::default()));
+        (0..12).for_each(|_| annealing.round(1e9));
         let path = annealing.best().path.clone();
         let flight = Flight::new(ground, &path);
         let poses: Vec<Pose> = (path.iter().take(1).copied())
@@ -170,7 +170,7 @@ fn the_paper_s_objective_only_falls_by_what_a_change_may_cost_and_rises_with_the
 
         let mut annealing = Annealing::new(&ground, path, Aim::MostObjective, 3);
         let first = annealing.record().objective;
-        (0..12).for_each(|_| annealing.round(0.1e9, &StopToken::default()));
+        (0..12).for_each(|_| annealing.round(0.1e9));
         let last = annealing.record().objective;
         assert!(last > first && last == value(&Flight::new(&ground, &annealing.best().path)), "{first} to {last}");
     });
@@ -182,7 +182,7 @@ fn every_waypoint_and_leg_keeps_the_limits_and_a_fixed_start_stays() {
         let problem = free_ground.problem;
         let ground = Ground::new(problem, settings, true, Counting::Matched, &StopToken::default());
         let mut annealing = Annealing::new(&ground, path, Aim::LeastTime { required: required(&ground) }, 4);
-        (0..12).for_each(|_| annealing.round(1e9, &StopToken::default()));
+        (0..12).for_each(|_| annealing.round(1e9));
         let refined = &annealing.best().path;
         assert_eq!(refined[0].position, path[0].position);
         for ends in refined.windows(2) {
@@ -224,7 +224,7 @@ fn where_none_has_to_be_captured_captured_samples_are_worth_nothing() {
         assert!(alone.wanted.iter().all(|&i| problem.matchable[i as usize]));
         let required = Worth { captured: 0, ..required(both) };
         let mut annealing = Annealing::new(&alone, path, Aim::LeastTime { required }, 5);
-        (0..12).for_each(|_| annealing.round(1e9, &StopToken::default()));
+        (0..12).for_each(|_| annealing.round(1e9));
         let flight = Flight::new(&alone, &annealing.best().path);
         let priced = |captured: f64| Demand { required, prices_ns: Prices { captured, matched: 1e9 }, ..demand(both) };
         assert_eq!(priced(5e9).shortfall_ns(&flight.counts), priced(0.0).shortfall_ns(&flight.counts));
@@ -242,9 +242,9 @@ fn after_a_change_of_samples_a_flight_is_as_good_as_one_counted_anew() {
     for_every_rig(|ground, path, _, _| {
         let thinned = ground.thinned(2);
         let mut annealing = Annealing::new(&thinned, path, Aim::LeastTime { required: required(ground) }, 6);
-        (0..8).for_each(|_| annealing.round(1e9, &StopToken::default()));
+        (0..8).for_each(|_| annealing.round(1e9));
         annealing.move_to(ground);
-        (0..4).for_each(|_| annealing.round(1e9, &StopToken::default()));
+        (0..4).for_each(|_| annealing.round(1e9));
         // By all samples, whatever the first rounds looked at.
         let best = annealing.best();
         let anew = Flight::new(ground, &best.path);

@@ -102,7 +102,7 @@ fn warm_path(stage: &Stage) -> Vec<Pose> {
     let mut annealing = Annealing::new(&ground, &tree.path, aim(&problem), 1);
     let [first, last] = TEMPERATURES_NS;
     for round in 0..WARM_UP {
-        annealing.round(first * (last / first).powf(f64::from(round) / f64::from(WARM_UP - 1)), &StopToken::default());
+        annealing.round(first * (last / first).powf(f64::from(round) / f64::from(WARM_UP - 1)));
     }
     annealing.best().path.clone()
 }
@@ -134,7 +134,7 @@ fn bench_changes(bencher: Bencher, ground: &Ground, stage: &Stage) {
     bencher
         .with_inputs(|| Annealing::new(ground, &stage.path, aim(ground.problem), seed.fetch_add(1, Ordering::Relaxed)))
         .counter(ItemsCount::new(MOVES))
-        .bench_local_refs(|annealing| ONE_CORE.install(|| annealing.round(TEMPERATURES_NS[1], &StopToken::default())));
+        .bench_local_refs(|annealing| ONE_CORE.install(|| annealing.round(TEMPERATURES_NS[1])));
 }
 
 /// Items are flights: all images of all waypoints and legs are looked at by rays, counted and timed, as it would be for each change if the

@@ -373,8 +373,10 @@ pub struct DaemonSettings {
     pub memory_budget_mb: u64,
     /// Largest scene file that a client may send, MB.
     pub max_scene_mb: u64,
-    /// Worker threads for searches; 0 takes as many as there are cores.
+    /// Worker threads; 0 takes as many as there are cores.
     pub threads: u32,
+    /// Niceness that searches add to that of the process, 0 to 19 (Linux), once the first safe plan after an edit is out.
+    pub search_nice: i32,
 }
 
 impl Default for Settings {

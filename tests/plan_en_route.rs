@@ -8,7 +8,7 @@ use geo::polygon;
 use nalgebra::{Point3, Vector3};
 use overfly::camera::{Pose, Rig};
 use overfly::planner::en_route::{add_images, waypoints_left};
-use overfly::planner::{EnRoute, Made, Method, PlanError, PlanOptions, StopToken, plan, replan};
+use overfly::planner::{Conduct, EnRoute, Made, Method, PlanError, PlanOptions, StopToken, plan, replan};
 use overfly::scene::edit::Edit;
 use overfly::search::captured::Captured;
 use overfly::search::{Problem, Wanted};
@@ -129,7 +129,9 @@ proptest! {
         let anywhere = PlanOptions { earlier: Some(waypoints_left(&whole, taken)), en_route: Some(en_route.clone()), ..options(&rig, 6) };
         let mut interim = Vec::new();
         let on_interim = &mut |made: Made| interim.push(made.plan);
-        let first = replan(&now, &settings, &anywhere, None, &StopToken::default(), &mut |_| {}, on_interim).unwrap().plan;
+        let stop = &StopToken::default();
+        let conduct = Conduct { stop, on_progress: &mut |_| {}, on_interim, search_threads: None };
+        let first = replan(&now, &settings, &anywhere, None, conduct).unwrap().plan;
         if ends[1] {
             en_route.time_left_s = Some(0.6 * first.metrics.profile_s);
         }
@@ -182,7 +184,9 @@ fn what_was_known_of_the_flight_before_changes_nothing() {
     let made = |now: &Snapshot, options: &PlanOptions, record: Option<Record>| {
         let mut interim = Vec::new();
         let on_interim = &mut |made: Made| interim.push(made.plan);
-        let last = replan(now, &settings, options, record, &StopToken::default(), &mut |_| {}, on_interim).unwrap();
+        let stop = &StopToken::default();
+        let conduct = Conduct { stop, on_progress: &mut |_| {}, on_interim, search_threads: None };
+        let last = replan(now, &settings, options, record, conduct).unwrap();
         (interim, last)
     };
     let mut flown = made(&now, &options(&panoramic(), 8), None).1;

@@ -15,7 +15,7 @@ use super::en_route::Flown;
 use super::failure::Failure;
 use super::progress::Meter;
 use crate::camera::{Rig, direction_of};
-use crate::planner::{self, Method, Objective, PlanOptions, StopToken};
+use crate::planner::{self, Conduct, Method, Objective, PlanOptions, StopToken};
 use crate::scene::anchor::Anchor;
 use crate::scene::{self, GroundFile, ImportReport, Scene};
 use crate::session::{FieldError, Session, Snapshot};
@@ -165,7 +165,13 @@ pub fn plan_file(
         search_ended = Instant::now();
         meter.search(progress);
     };
-    let made = planner::replan(&snapshot, settings, &options, None, stop, on_progress, &mut |_| {})?;
+    let made = planner::replan(
+        &snapshot,
+        settings,
+        &options,
+        None,
+        Conduct { stop, on_progress, on_interim: &mut |_| {}, search_threads: None },
+    )?;
     let times = RunTimes {
         field_s,
         search_s: (search_ended - search_started).as_secs_f64(),

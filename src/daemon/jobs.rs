@@ -1,6 +1,6 @@
 //! Work that takes longer than the main loop may pause: reading scene files, building fields, searching. Every job has a thread
 //! of its own and posts what it found; it never touches the daemon's state. Only what is parallel inside of it runs in the compute
-//! pool, so that jobs share the processor and none waits for another.
+//! pool, and a search after an edit in threads that stand back behind it, so that jobs share the processor and none waits for another.
 
 use std::convert::Infallible;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -19,8 +19,9 @@ use super::field_channel::{FieldChannel, FieldChannelError, FilledField};
 use super::flown::{Evaluated, UnderWay};
 use super::scene_file::{self, SceneFile};
 use super::scenes::Cause;
+use super::threads::SearchPools;
 use super::wake::Mail;
-use crate::planner::{self, Made, PlanError, PlanOptions, Progress, StopToken, en_route};
+use crate::planner::{self, Conduct, Made, PlanError, PlanOptions, Progress, StopToken, en_route};
 use crate::scene::Scene;
 use crate::scene::anchor::Anchor;
 use crate::session::{FieldError, Findings, Session, Snapshot};
@@ -109,6 +110,8 @@ pub struct PlannedFlight {
 #[derive(Clone, Debug)]
 pub struct Workshop {
     pub crew: Arc<Crew>,
+    /// Threads for searches after an edit, once their first safe plan is out; everything else that is parallel runs in the pool of the process.
+    pub search_pools: Arc<SearchPools>,
     pub budget: Arc<Budget>,
     pub mail: Mail<News>,
 }
@@ -245,10 +248,15 @@ impl Workshop {
             let evaluated = under_way.evaluate(en_route, &assignment.stop).ok_or(Failure::Stopped)?;
             self.post(assignment, NewsKind::Evaluated(Box::new(evaluated)));
         }
+        let pool = self.search_pools.take();
         let mut search = |options: &PlanOptions| {
-            let stop = &assignment.stop;
-            let record = record.take();
-            planner::replan(&flight.snapshot, &flight.settings, options, record, stop, &mut on_progress, &mut on_interim)
+            let conduct = Conduct {
+                stop: &assignment.stop,
+                on_progress: &mut on_progress,
+                on_interim: &mut on_interim,
+                search_threads: pool.as_deref(),
+            };
+            planner::replan(&flight.snapshot, &flight.settings, options, record.take(), conduct)
         };
         let (Made { plan, record }, remark) = match (search(&options), flight.cause) {
             // The start is that of an earlier order, and nobody asked for it in the scene as it is now.

@@ -25,6 +25,7 @@ mod results;
 mod scene_file;
 mod scenes;
 mod state;
+mod threads;
 mod wake;
 
 use std::path::PathBuf;

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use overfly_wire::service;
 use overfly_wire::{Domain, Refusal, RefusalCode, Reply, SceneStatus};
-use rayon::ThreadPoolBuilder;
 
 use super::DaemonError;
 use super::budget::Budget;
@@ -19,6 +18,7 @@ use super::jobs::{Assignment, FieldSource, Flight, JobId, News, Workshop};
 use super::ledger::{Ledger, Ticket};
 use super::ports::Ports;
 use super::scenes::{Cause, LastPlan, Queued, Search, Slot};
+use super::threads::{self, SearchPools};
 use super::wake::Mail;
 use crate::daemon::convert;
 use crate::planner::StopToken;
@@ -89,12 +89,13 @@ impl Daemon {
         mail: Mail<News>,
         instance: u64,
     ) -> Result<Self, DaemonError> {
-        start_pool(settings.daemon.threads)?;
+        threads::start_pool(&settings.daemon)?;
+        let search_pools = SearchPools::new(&settings.daemon);
         let budget = Budget::new(settings.daemon.memory_budget_mb);
         Ok(Self {
             domain: domain.clone(),
             settings: Arc::new(settings),
-            workshop: Workshop { crew: Crew::new(JOBS_AT_ONCE), budget, mail },
+            workshop: Workshop { crew: Crew::new(JOBS_AT_ONCE), search_pools, budget, mail },
             ledger: Ledger::default(),
             scenes: BTreeMap::new(),
             reading: HashMap::new(),
@@ -226,10 +227,12 @@ impl Daemon {
         };
         let settings = configuration::read(path).map_err(|error: ConfigurationError| refused(error.to_string()))?;
         let settings = settings.with_sight(self.settings.coverage.sight_scale);
-        if settings.daemon.threads != self.settings.daemon.threads {
+        let threads = |settings: &Settings| (settings.daemon.threads, settings.daemon.search_nice);
+        if threads(&settings) != threads(&self.settings) {
             tracing::warn!(
                 threads = settings.daemon.threads,
-                "the number of threads cannot change while the daemon runs: restart it for that"
+                search_nice = settings.daemon.search_nice,
+                "the threads and their niceness cannot change while the daemon runs: restart it for that"
             );
         }
         if settings.daemon.domain != self.settings.daemon.domain {
@@ -395,10 +398,4 @@ pub(super) fn tell(ports: &Ports, ticket: Ticket, reply: &Reply) {
 
 pub(super) fn stopping() -> Refusal {
     Refusal::new(RefusalCode::Stopping, "the daemon is ending; start it again with `overfly serve`")
-}
-
-/// Starts the compute pool of this process, which takes all parallel work of all jobs.
-fn start_pool(threads: u32) -> Result<(), DaemonError> {
-    let builder = ThreadPoolBuilder::new().num_threads(threads as usize).thread_name(|index| format!("core-{index}"));
-    builder.build_global().map_err(|error| DaemonError::System { what: "the worker threads", cause: error.to_string() })
 }

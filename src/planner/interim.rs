@@ -13,7 +13,7 @@ use crate::trajectory::route::Found;
 /// What has been handed out so far of a search that goes on with an earlier flight.
 pub struct Interim<'i> {
     order: &'i Order<'i>,
-    on_interim: &'i mut dyn FnMut(Made),
+    on_interim: &'i mut (dyn FnMut(Made) + Send),
     best: Option<Best>,
 }
 
@@ -32,7 +32,7 @@ struct Standing {
 }
 
 impl<'i> Interim<'i> {
-    pub fn new(order: &'i Order<'i>, on_interim: &'i mut dyn FnMut(Made)) -> Self {
+    pub fn new(order: &'i Order<'i>, on_interim: &'i mut (dyn FnMut(Made) + Send)) -> Self {
         Self { order, on_interim, best: None }
     }
 

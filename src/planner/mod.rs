@@ -11,6 +11,8 @@ mod start;
 
 use std::sync::Arc;
 
+use rayon::ThreadPool;
+
 use self::en_route::Departure;
 use self::interim::Interim;
 use self::order::Order;
@@ -48,9 +50,20 @@ pub fn plan(
     settings: &Settings,
     options: &PlanOptions,
     stop: &StopToken,
-    on_progress: &mut dyn FnMut(&Progress),
+    on_progress: &mut (dyn FnMut(&Progress) + Send),
 ) -> Result<Plan, PlanError> {
-    replan(snapshot, settings, options, None, stop, on_progress, &mut |_| {}).map(|made| made.plan)
+    replan(snapshot, settings, options, None, Conduct { stop, on_progress, on_interim: &mut |_| {}, search_threads: None })
+        .map(|made| made.plan)
+}
+
+/// How a search goes along with everything else: how it is told to end, who hears of it, and on which threads it runs.
+pub struct Conduct<'a> {
+    pub stop: &'a StopToken,
+    pub on_progress: &'a mut (dyn FnMut(&Progress) + Send),
+    pub on_interim: &'a mut (dyn FnMut(Made) + Send),
+    /// A search that goes on with an earlier flight runs on these once that is out, and they may stand back behind others; without any on those of the caller,
+    /// as does a search that somebody waits for from its beginning.
+    pub search_threads: Option<&'a ThreadPool>,
 }
 
 /// A plan, and what its images see: with it the plan after an edit is sooner there.
@@ -68,10 +81,9 @@ pub fn replan(
     settings: &Settings,
     options: &PlanOptions,
     mut record: Option<Record>,
-    stop: &StopToken,
-    on_progress: &mut dyn FnMut(&Progress),
-    on_interim: &mut dyn FnMut(Made),
+    conduct: Conduct,
 ) -> Result<Made, PlanError> {
+    let Conduct { stop, on_progress, on_interim, search_threads } = conduct;
     options.check()?;
     let settings = &with_goal(settings, options.goal_percent);
     let rig = &flown_rig(options, settings);
@@ -104,18 +116,34 @@ pub fn replan(
             Err(_) => {}
         }
     }
+    let has_begun = resumed.is_some();
+    let search = || searched(&order, resumed, interim, on_progress);
+    match search_threads.filter(|_| has_begun) {
+        Some(threads) => threads.install(search),
+        None => search(),
+    }
+}
+
+/// The plan that a method finds, or the best one that was handed out on the way.
+fn searched(
+    order: &Order,
+    resumed: Option<Vec<Pose>>,
+    mut interim: Interim,
+    on_progress: &mut dyn FnMut(&Progress),
+) -> Result<Made, PlanError> {
+    let Order { settings, options, problem, stop, .. } = *order;
     let found = match options.method {
         Method::Refined => {
-            let found = refined(&order, resumed, &mut interim, on_progress)?;
+            let found = refined(order, resumed, &mut interim, on_progress)?;
             return interim.last(order.finished(found, None)?);
         }
         Method::Paper => {
             let iterations = options.iterations.unwrap_or(settings.search.iterations);
-            Found::of(order.tree_search(iterations, on_progress)?, &problem)
+            Found::of(order.tree_search(iterations, on_progress)?, problem)
         }
-        Method::Oblique => baseline::oblique::fly(&problem, &settings.baseline, stop, on_progress)?,
-        Method::Smith => baseline::smith::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
-        Method::Zhou => baseline::zhou::fly(&problem, &settings.baseline, options.seed, stop, on_progress)?,
+        Method::Oblique => baseline::oblique::fly(problem, &settings.baseline, stop, on_progress)?,
+        Method::Smith => baseline::smith::fly(problem, &settings.baseline, options.seed, stop, on_progress)?,
+        Method::Zhou => baseline::zhou::fly(problem, &settings.baseline, options.seed, stop, on_progress)?,
     };
     order.finished(found, None)
 }

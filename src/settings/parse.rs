@@ -194,6 +194,7 @@ impl Settings {
             ("daemon.memory_budget_mb", daemon.memory_budget_mb as f64, 1.0, 1e9),
             ("daemon.max_scene_mb", daemon.max_scene_mb as f64, 1.0, 4096.0),
             ("daemon.threads", f64::from(daemon.threads), 0.0, 1024.0),
+            ("daemon.search_nice", f64::from(daemon.search_nice), 0.0, 19.0),
         ]
     }
 }

@@ -1,7 +1,7 @@
 //! How soon the flight after an edit is as good as one that is planned from nothing, in this process; and how soon a search that is not wanted any more ends.
 
-use std::cell::Cell;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use geo::{LineString, Polygon};
@@ -13,7 +13,7 @@ use crate::cli::arguments::BenchArgs;
 use crate::cli::failure::Failure;
 use crate::cli::in_process;
 use crate::cli::progress::Meter;
-use crate::planner::{self, Made, Method, PlanOptions, Progress, StopToken};
+use crate::planner::{self, Conduct, Made, Method, PlanOptions, Progress, StopToken};
 use crate::scene::edit::Edit;
 use crate::session::{Session, Snapshot};
 use crate::settings::{MOST_ITERATIONS, Settings};
@@ -43,7 +43,8 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let mut snapshot = session.survey(&stop)?.into_snapshot(&stop)?;
     let rounds = arguments.iterations.unwrap_or(ROUNDS);
     let options = PlanOptions { iterations: Some(rounds), ..PlanOptions::new(rig, Method::Refined, 1) };
-    let mut made = planner::replan(&snapshot, &settings, &options, None, &stop, &mut |_| {}, &mut |_| {})?;
+    let conduct = Conduct { stop: &stop, on_progress: &mut |_| {}, on_interim: &mut |_| {}, search_threads: None };
+    let mut made = planner::replan(&snapshot, &settings, &options, None, conduct)?;
     let mut rows: [Vec<f64>; 4] = Default::default();
     let [as_good_s, whole_s, cold_s, ratio] = &mut rows;
     let (mut never, mut searched) = (0, rounds);
@@ -53,10 +54,13 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
         let started = Instant::now();
         let next = session.survey_after(&snapshot, &stop)?.into_snapshot(&stop)?;
         let again = PlanOptions { earlier: Some(made.plan.poses()), ..options.clone() };
-        let (mut offered, done): (Vec<Offer>, _) = (Vec::new(), Cell::new(0));
+        let (mut offered, done): (Vec<Offer>, _) = (Vec::new(), AtomicU32::new(0));
         let on_interim = &mut |made: Made| offered.push(Offer::new(&started, &done, made.plan));
-        let on_progress = &mut |_: &Progress| done.set(done.get() + 1);
-        let warm = planner::replan(&next, &settings, &again, Some(made.record), &stop, on_progress, on_interim)?;
+        let on_progress = &mut |_: &Progress| {
+            done.fetch_add(1, Ordering::Relaxed);
+        };
+        let conduct = Conduct { stop: &stop, on_progress, on_interim, search_threads: None };
+        let warm = planner::replan(&next, &settings, &again, Some(made.record), conduct)?;
         whole_s.push(started.elapsed().as_secs_f64());
         offered.push(Offer::new(&started, &done, warm.plan.clone()));
         // Each beside a cold plan of as much search as there was in it by then. An edit after which none is as good counts as endless.
@@ -76,7 +80,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
         never += u32::from(at_s.is_infinite());
         as_good_s.push(at_s);
         ratio.push(share);
-        searched = searched.saturating_add(done.get());
+        searched = searched.saturating_add(done.load(Ordering::Relaxed));
         (snapshot, made) = (next, warm);
     }
     // Searches from nothing and those that go on with a flight, in turns.
@@ -110,8 +114,8 @@ struct Offer {
 }
 
 impl Offer {
-    fn new(started: &Instant, done: &Cell<u32>, plan: Plan) -> Self {
-        Self { at_s: started.elapsed().as_secs_f64(), rounds: done.get(), plan }
+    fn new(started: &Instant, done: &AtomicU32, plan: Plan) -> Self {
+        Self { at_s: started.elapsed().as_secs_f64(), rounds: done.load(Ordering::Relaxed), plan }
     }
 }
 

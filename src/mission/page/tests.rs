@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::*;
 use crate::camera::Rig;
-use crate::planner::{self, Method, PlanOptions};
+use crate::planner::{self, Conduct, Method, PlanOptions};
 use crate::scene::{BlockSettings, NoFlyZone, Scene, Shape, Structure, StructureId, ZoneSource, generate_block};
 use crate::session::{Session, Snapshot};
 use crate::settings::Settings;
@@ -35,7 +35,9 @@ fn snapshot(scene: Scene) -> Snapshot {
 
 fn made(snapshot: &Snapshot, rig: &str) -> planner::Made {
     let options = PlanOptions { iterations: Some(30), ..PlanOptions::new(Rig::preset(rig).unwrap(), Method::Paper, 1) };
-    planner::replan(snapshot, &settings(), &options, None, &StopToken::default(), &mut |_| {}, &mut |_| {}).unwrap()
+    let stop = &StopToken::default();
+    let conduct = Conduct { stop, on_progress: &mut |_| {}, on_interim: &mut |_| {}, search_threads: None };
+    planner::replan(snapshot, &settings(), &options, None, conduct).unwrap()
 }
 
 fn json(data: &[u8]) -> Value {

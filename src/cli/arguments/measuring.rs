@@ -86,12 +86,12 @@ pub struct BoundArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "Writes reproduction.md, reproduction.json and the charts (fig9.svg, fig10.svg, convergence.svg, pareto.svg, growth.svg) into the folder of `--out`. Parts: table1, table2, \
-    table3, table4, table5, equal, fig9, fig10, convergence, pareto, times, refined, sight, sweep, growth; all but the last three by default. The seeds are 1, 2, ...; everything but \
+    table3, table4, table5, equal, equal-refined, fig9, fig10, convergence, pareto, times, refined, sight, sweep, growth; by default all but equal-refined (hours) and the last three. The seeds are 1, 2, ...; everything but \
     times, refined and growth is the same on every run. Scenes that the folder of `--scenes` does not hold are left out and named.\n\nExamples:\n  overfly reproduce\n  \
     overfly reproduce --only table1,fig9 --out figures\n  overfly reproduce --only sweep --out sweep"
 )]
 pub struct ReproduceArgs {
-    /// Parts to reproduce, separated by commas [default: all but sight, sweep and growth]
+    /// Parts to reproduce, separated by commas [default: all but equal-refined, sight, sweep and growth]
     #[arg(long, value_name = "PARTS", value_delimiter = ',')]
     pub only: Vec<String>,
     /// Flights for each row: medians and ranges are of so many seeds

@@ -163,6 +163,8 @@ fn a_flight_is_followed_and_goes_over_to_the_plan_after_an_edit_without_a_pause(
     println!("joined {} m off the path, {:.1} s after the edit", joined["off_path_m"], edit_s.elapsed().as_secs_f64());
     client.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
 
+    // Nothing happens on the rest of the way.
+    aircraft.with(|control| control.speed_mps *= 4.0);
     let flown = fly.event("flown");
     let stood = aircraft.with(|control| control.longest_stand);
     assert!(stood < 3, "it stood still for {stood} steps of 20 ms");

@@ -37,6 +37,7 @@ pub struct Control {
     /// The longest that it has stood still on a mission, steps.
     pub longest_stand: usize,
     pub is_armed: bool,
+    pub speed_mps: f64,
 }
 
 pub struct Aircraft {
@@ -47,7 +48,8 @@ pub struct Aircraft {
 impl Aircraft {
     /// Speaks to an address; `loss` messages of 1000 are lost on either way.
     pub fn start(to: SocketAddr, manner: Manner, place: [f64; 3], loss: u64) -> Self {
-        let control = Arc::new(Mutex::new(Control { model: Model::new(manner), place, ..Control::default() }));
+        let control =
+            Arc::new(Mutex::new(Control { model: Model::new(manner), place, speed_mps: SPEED_MPS, ..Control::default() }));
         let shared = Arc::clone(&control);
         let thread = std::thread::spawn(move || fly(&shared, to, loss));
         Self { control, thread: Some(thread) }
@@ -197,7 +199,7 @@ fn move_on(control: &mut Control, now: Duration, radio: &mut Radio, flown_m: &mu
         let east_m = DEGREE_M * goal[0].to_radians().cos();
         let way = [(goal[0] - control.place[0]) * DEGREE_M, (goal[1] - control.place[1]) * east_m, goal[2] - control.place[2]];
         let way_m = way.iter().map(|part| part * part).sum::<f64>().sqrt();
-        let step_m = SPEED_MPS * STEP.as_secs_f64();
+        let step_m = control.speed_mps * STEP.as_secs_f64();
         if way_m > step_m {
             (0..3).for_each(|axis| control.place[axis] += (goal[axis] - control.place[axis]) * step_m / way_m);
             *flown_m += step_m;

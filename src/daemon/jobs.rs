@@ -248,7 +248,8 @@ impl Workshop {
             let evaluated = under_way.evaluate(en_route, &assignment.stop).ok_or(Failure::Stopped)?;
             self.post(assignment, NewsKind::Evaluated(Box::new(evaluated)));
         }
-        let pool = self.search_pools.take();
+        // Nobody stands back before there is a flight.
+        let pool = options.earlier.as_ref().and_then(|_| self.search_pools.take());
         let mut search = |options: &PlanOptions| {
             let conduct = Conduct {
                 stop: &assignment.stop,

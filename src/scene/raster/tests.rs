@@ -309,7 +309,7 @@ fn cloud(bytes: &[u8]) -> Result<(Scene, ImportReport), ImportError> {
 #[test]
 fn classified_points_tell_ground_roofs_and_trees_apart() {
     let points = points([2, 6, 5]);
-    for bytes in [las(&points, false), las(&points, true), layered(&points, 50_000), layered(&points, 1000), layered(&points, 1)]
+    for bytes in [las(&points, false), las(&points, true), layered(&points, 50_000), layered(&points, 1000), layered(&points, 40)]
     {
         let (scene, report) = cloud(&bytes).unwrap();
         let prisms = prisms(&scene);

@@ -130,7 +130,7 @@ proptest! {
         let mut interim = Vec::new();
         let on_interim = &mut |made: Made| interim.push(made.plan);
         let stop = &StopToken::default();
-        let conduct = Conduct { stop, on_progress: &mut |_| {}, on_interim, search_threads: None };
+        let conduct = Conduct { on_interim, ..Conduct::unheard(stop) };
         let first = replan(&now, &settings, &anywhere, None, conduct).unwrap().plan;
         if ends[1] {
             en_route.time_left_s = Some(0.6 * first.metrics.profile_s);
@@ -185,7 +185,7 @@ fn what_was_known_of_the_flight_before_changes_nothing() {
         let mut interim = Vec::new();
         let on_interim = &mut |made: Made| interim.push(made.plan);
         let stop = &StopToken::default();
-        let conduct = Conduct { stop, on_progress: &mut |_| {}, on_interim, search_threads: None };
+        let conduct = Conduct { on_interim, ..Conduct::unheard(stop) };
         let last = replan(now, &settings, options, record, conduct).unwrap();
         (interim, last)
     };

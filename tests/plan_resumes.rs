@@ -29,7 +29,7 @@ fn planned(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions) -> (
     let mut interim = Vec::new();
     let on_interim = &mut |made: Made| interim.push(made.plan);
     let stop = &StopToken::default();
-    let conduct = Conduct { stop, on_progress: &mut |_| {}, on_interim, search_threads: None };
+    let conduct = Conduct { on_interim, ..Conduct::unheard(stop) };
     let made = replan(snapshot, settings, options, None, conduct).expect("it can be flown");
     let expected = |k: usize| if k == 0 { StopReason::Repaired } else { StopReason::Improved };
     assert!(interim.iter().enumerate().all(|(k, plan)| plan.stop == expected(k)));
@@ -113,7 +113,7 @@ fn repaired(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions, rec
         // What follows is not looked at.
         stop.abandon();
     };
-    let conduct = Conduct { stop: &stop, on_progress: &mut |_| {}, on_interim, search_threads: None };
+    let conduct = Conduct { on_interim, ..Conduct::unheard(&stop) };
     let made = replan(snapshot, settings, options, record, conduct);
     assert!(repaired.is_none() || made.is_err());
     repaired
@@ -129,7 +129,7 @@ proptest! {
         let mut latest = snapshot(&edited);
         let first = options(&rig, 12);
         let stop = &StopToken::default();
-        let conduct = Conduct { stop, on_progress: &mut |_| {}, on_interim: &mut |_| {}, search_threads: None };
+        let conduct = Conduct::unheard(stop);
         let mut made = replan(&latest, &settings, &first, None, conduct).unwrap();
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         for number in 0..edits {
@@ -201,7 +201,7 @@ fn what_an_edit_takes_is_had_again_before_the_flight_is_annealed() {
             let is_enough = plan.metrics.coverage_percent > 85.0 && plan.metrics.matched_percent > 80.0;
             enough_after.push((rounds.load(Ordering::Relaxed), is_enough));
         };
-        replan(&after, &settings, &again, None, Conduct { stop: &stop, on_progress, on_interim, search_threads: None }).unwrap();
+        replan(&after, &settings, &again, None, Conduct { on_progress, on_interim, ..Conduct::unheard(&stop) }).unwrap();
         if enough_after.first().is_some_and(|&(_, is_enough)| !is_enough) {
             were_short += 1;
             were_mended += u32::from(enough_after.iter().any(|&(rounds, is_enough)| is_enough && rounds <= MENDING_ROUNDS));

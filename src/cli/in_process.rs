@@ -165,13 +165,7 @@ pub fn plan_file(
         search_ended = Instant::now();
         meter.search(progress);
     };
-    let made = planner::replan(
-        &snapshot,
-        settings,
-        &options,
-        None,
-        Conduct { stop, on_progress, on_interim: &mut |_| {}, search_threads: None },
-    )?;
+    let made = planner::replan(&snapshot, settings, &options, None, Conduct { on_progress, ..Conduct::unheard(stop) })?;
     let times = RunTimes {
         field_s,
         search_s: (search_ended - search_started).as_secs_f64(),

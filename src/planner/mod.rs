@@ -52,8 +52,7 @@ pub fn plan(
     stop: &StopToken,
     on_progress: &mut (dyn FnMut(&Progress) + Send),
 ) -> Result<Plan, PlanError> {
-    replan(snapshot, settings, options, None, Conduct { stop, on_progress, on_interim: &mut |_| {}, search_threads: None })
-        .map(|made| made.plan)
+    replan(snapshot, settings, options, None, Conduct { on_progress, ..Conduct::unheard(stop) }).map(|made| made.plan)
 }
 
 /// How a search goes along with everything else: how it is told to end, who hears of it, and on which threads it runs.
@@ -64,6 +63,19 @@ pub struct Conduct<'a> {
     /// A search that goes on with an earlier flight runs on these once that is out, and they may stand back behind others; without any on those of the caller,
     /// as does a search that somebody waits for from its beginning.
     pub search_threads: Option<&'a ThreadPool>,
+}
+
+impl<'a> Conduct<'a> {
+    /// Of a search that nobody hears of, on the threads of the caller.
+    pub fn unheard(stop: &'a StopToken) -> Self {
+        // Closures without a size take no memory.
+        Self {
+            stop,
+            on_progress: Box::leak(Box::new(|_: &Progress| {})),
+            on_interim: Box::leak(Box::new(|_| {})),
+            search_threads: None,
+        }
+    }
 }
 
 /// A plan, and what its images see: with it the plan after an edit is sooner there.

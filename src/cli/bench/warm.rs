@@ -43,8 +43,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     let mut snapshot = session.survey(&stop)?.into_snapshot(&stop)?;
     let rounds = arguments.iterations.unwrap_or(ROUNDS);
     let options = PlanOptions { iterations: Some(rounds), ..PlanOptions::new(rig, Method::Refined, 1) };
-    let conduct = Conduct { stop: &stop, on_progress: &mut |_| {}, on_interim: &mut |_| {}, search_threads: None };
-    let mut made = planner::replan(&snapshot, &settings, &options, None, conduct)?;
+    let mut made = planner::replan(&snapshot, &settings, &options, None, Conduct::unheard(&stop))?;
     let mut rows: [Vec<f64>; 4] = Default::default();
     let [as_good_s, whole_s, cold_s, ratio] = &mut rows;
     let (mut never, mut searched) = (0, rounds);
@@ -59,7 +58,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
         let on_progress = &mut |_: &Progress| {
             done.fetch_add(1, Ordering::Relaxed);
         };
-        let conduct = Conduct { stop: &stop, on_progress, on_interim, search_threads: None };
+        let conduct = Conduct { on_progress, on_interim, ..Conduct::unheard(&stop) };
         let warm = planner::replan(&next, &settings, &again, Some(made.record), conduct)?;
         whole_s.push(started.elapsed().as_secs_f64());
         offered.push(Offer::new(&started, &done, warm.plan.clone()));

@@ -35,9 +35,7 @@ fn snapshot(scene: Scene) -> Snapshot {
 
 fn made(snapshot: &Snapshot, rig: &str) -> planner::Made {
     let options = PlanOptions { iterations: Some(30), ..PlanOptions::new(Rig::preset(rig).unwrap(), Method::Paper, 1) };
-    let stop = &StopToken::default();
-    let conduct = Conduct { stop, on_progress: &mut |_| {}, on_interim: &mut |_| {}, search_threads: None };
-    planner::replan(snapshot, &settings(), &options, None, conduct).unwrap()
+    planner::replan(snapshot, &settings(), &options, None, Conduct::unheard(&StopToken::default())).unwrap()
 }
 
 fn json(data: &[u8]) -> Value {

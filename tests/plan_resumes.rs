@@ -128,9 +128,7 @@ proptest! {
         let mut edited = session(small_block(seed % 5), &settings);
         let mut latest = snapshot(&edited);
         let first = options(&rig, 12);
-        let stop = &StopToken::default();
-        let conduct = Conduct::unheard(stop);
-        let mut made = replan(&latest, &settings, &first, None, conduct).unwrap();
+        let mut made = replan(&latest, &settings, &first, None, Conduct::unheard(&StopToken::default())).unwrap();
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         for number in 0..edits {
             let edit = if number % 3 == 0 { pillar_on(&made.plan, number) } else { support::random_edit(edited.scene(), &mut random) };
@@ -208,6 +206,26 @@ fn what_an_edit_takes_is_had_again_before_the_flight_is_annealed() {
         }
     }
     assert!(were_short >= 2 && were_mended * 3 >= were_short * 2, "{were_mended} of {were_short}");
+}
+
+#[test]
+fn a_search_stands_back_only_while_its_first_safe_plan_is_flown() {
+    let settings = small_settings();
+    let snapshot = snapshot(&session(small_block(2), &settings));
+    let cold = options(&Rig::preset("panoramic").unwrap(), 4);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "behind".into()).build().unwrap();
+    let made = |options: &PlanOptions| {
+        let (stop, mut threads) = (StopToken::default(), Vec::new());
+        let on_progress = &mut |_: &Progress| threads.push(std::thread::current().name() == Some("behind"));
+        let conduct = Conduct { on_progress, search_threads: Some(&pool), ..Conduct::unheard(&stop) };
+        let plan = replan(&snapshot, &settings, options, None, conduct).unwrap().plan;
+        assert!(!threads.is_empty());
+        (plan, threads)
+    };
+    let (first, threads) = made(&cold);
+    assert!(threads.iter().all(|is_behind| !is_behind), "somebody waits for it");
+    let (_, threads) = made(&PlanOptions { earlier: Some(poses(&first)), ..cold });
+    assert!(threads.iter().all(|is_behind| *is_behind), "there is a flight already");
 }
 
 #[test]

@@ -36,6 +36,11 @@ impl<'i> Interim<'i> {
         Self { order, on_interim, best: None }
     }
 
+    /// Whether somebody has a flight already while the search goes on.
+    pub fn has_handed_out(&self) -> bool {
+        self.best.is_some()
+    }
+
     /// Hands a flight out if it is short enough and better than all before.
     pub fn offer(&mut self, path: &[Pose], made: Made) {
         let standing = self.standing(&made);

@@ -60,8 +60,8 @@ pub struct Conduct<'a> {
     pub stop: &'a StopToken,
     pub on_progress: &'a mut (dyn FnMut(&Progress) + Send),
     pub on_interim: &'a mut (dyn FnMut(Made) + Send),
-    /// A search that goes on with an earlier flight runs on these once that is out, and they may stand back behind others; without any on those of the caller,
-    /// as does a search that somebody waits for from its beginning.
+    /// A search whose first safe plan is out runs on these, and they may stand back behind others; without any on the threads of the caller, as does one
+    /// that has nothing to show yet.
     pub search_threads: Option<&'a ThreadPool>,
 }
 
@@ -128,9 +128,9 @@ pub fn replan(
             Err(_) => {}
         }
     }
-    let has_begun = resumed.is_some();
+    let is_under_way = interim.has_handed_out();
     let search = || searched(&order, resumed, interim, on_progress);
-    match search_threads.filter(|_| has_begun) {
+    match search_threads.filter(|_| is_under_way) {
         Some(threads) => threads.install(search),
         None => search(),
     }

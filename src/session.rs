@@ -94,10 +94,9 @@ impl Session {
         self.check_size(&free, stop)?;
         let footing = &earlier.footing;
         let bounds = free.structure_bounds();
-        let limits = &earlier.free.limits;
         let (samples, sites) = rayon::join(
             || self.sampler.sample_after(&self.scene, &differences, &footing.samples, &bounds, stop),
-            || field::sites_after(&free, &self.pins.lattice, &footing.sites, limits, &differences, stop),
+            || field::sites_after(&free, &self.pins.lattice, &footing.sites, &earlier.free, &differences, stop),
         );
         let (samples, sites) = samples.zip(sites).ok_or(FieldError::Stopped)?;
         let outlines = Outlines::after(&footing.outlines, &self.scene, &differences);
@@ -107,7 +106,7 @@ impl Session {
     /// The spacings are pinned, so an edit that enlarges the scene enlarges its field.
     fn check_size(&self, free: &FreeSpace, stop: &StopToken) -> Result<(), FieldError> {
         check(stop)?;
-        check_size(&self.scene, free, &self.settings, &self.pins.lattice, self.sampler.estimate(&self.scene))
+        check_size(&self.scene, free, &self.settings, &self.pins.lattice, self.sampler.estimate(free.surface_m2()))
     }
 
     fn surveyed(
@@ -188,7 +187,7 @@ impl Pins {
             shell_m: settings.field.shell_m,
             seed: surface.seed,
         };
-        check_size(scene, &free, settings, &coarsest, sampler.estimate(scene))?;
+        check_size(scene, &free, settings, &coarsest, sampler.estimate(free.surface_m2()))?;
         let lattice_m = field::choose_spacing_m(&free, &coarsest, settings.field.viewpoints, stop).ok_or(FieldError::Stopped)?;
         if lattice_m <= 0.0 {
             return Err(no_free_space(scene, &free, &coarsest));

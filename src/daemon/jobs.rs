@@ -193,8 +193,12 @@ impl Workshop {
     fn build_field(&self, assignment: &Assignment, source: FieldSource, channel: &FieldChannel) -> Result<BuiltField, Failure> {
         let started = Instant::now();
         let stop = &assignment.stop;
-        self.note(assignment, Stage::Survey, [0, 0]);
+        // After most edits the field stands before anybody could read how far it has come, and whoever tells of it takes processor from it.
         let is_anew = matches!(source, FieldSource::Scene(..));
+        let is_told = || is_anew || started.elapsed() >= FIELD_NOTE_GAP;
+        if is_told() {
+            self.note(assignment, Stage::Survey, [0, 0]);
+        }
         let (session, survey) = match source {
             FieldSource::Scene(scene, settings) => {
                 let session = Session::new(*scene, settings, stop)?;
@@ -206,12 +210,13 @@ impl Workshop {
                 (*session, survey)
             }
         };
-        self.note(assignment, Stage::Field, [0, 0]);
+        if is_told() {
+            self.note(assignment, Stage::Field, [0, 0]);
+        }
         let reserve = |count: usize| self.budget.reserve((count * Block::BYTES) as u64);
         let place = |count: usize, write: &dyn Fn(&mut [Block])| Ok(channel.segment(count, reserve(count)?, write)?);
         let build = || survey.build::<Failure>(&place, stop);
-        // After an edit the field stands before anybody could read how far it has come.
-        let findings = if is_anew { self.tell_while(assignment, build) } else { build() }?;
+        let findings = if is_told() { self.tell_while(assignment, build) } else { build() }?;
         let count = findings.blocks();
         let filled = channel.fill(count, reserve(count)?, |blocks| findings.write(blocks))?;
         if stop.is_stopped() {

@@ -11,9 +11,9 @@ use super::rows::Visibility;
 use super::tiles::Tile;
 use super::viewpoints::Viewpoint;
 use crate::coverage::DiskModel;
-use crate::scene::clearance::Clearance;
 use crate::scene::differences::Differences;
-use crate::scene::{Scene, Structure};
+use crate::scene::free_space::FreeSpace;
+use crate::scene::{Bounds, Scene, Structure};
 use crate::surface::Samples;
 
 /// What the field of one revision is built from.
@@ -21,7 +21,7 @@ use crate::surface::Samples;
 pub struct FieldInputs<'a> {
     pub scene: &'a Scene,
     pub outlines: &'a Outlines,
-    pub clearance: &'a Clearance,
+    pub free: &'a FreeSpace,
     pub samples: &'a Samples,
     pub viewpoints: &'a [Viewpoint],
     pub disks: &'a DiskModel,
@@ -118,11 +118,13 @@ pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], v
 
 fn write_structures(inputs: &FieldInputs, table: &mut FieldTableMut) {
     let (mut ring, mut point, mut name_byte) = (0, 0, 0);
+    let bounds = inputs.free.structure_bounds();
     for (index, (row, structure)) in table.structures.iter_mut().zip(&inputs.scene.structures).enumerate() {
         let outlines = &inputs.outlines.0[index];
         let name = structure.name.as_bytes();
         let samples = inputs.samples.range(index);
-        *row = structure_row(structure, [samples.start, samples.len(), ring, outlines.len(), name_byte, name.len()]);
+        *row =
+            structure_row(structure, &bounds[index], [samples.start, samples.len(), ring, outlines.len(), name_byte, name.len()]);
         for outline in outlines.iter() {
             table.rings[ring] = RingRow { first_point: point as u32, points: outline.len() as u32 };
             for &Coord { x, y } in outline {
@@ -142,8 +144,7 @@ fn rings(structure: &Structure) -> Vec<Vec<Coord>> {
     outlines.iter().flat_map(|polygon| std::iter::once(polygon.exterior()).chain(polygon.interiors()).map(open)).collect()
 }
 
-fn structure_row(structure: &Structure, places: [usize; 6]) -> StructureRow {
-    let bounds = structure.bounds();
+fn structure_row(structure: &Structure, bounds: &Bounds, places: [usize; 6]) -> StructureRow {
     let [first_sample, samples, first_ring, rings, first_name_byte, name_bytes] = places.map(|v| v as u32);
     StructureRow {
         id: structure.id.0,

@@ -117,6 +117,6 @@ impl Targets {
     }
 
     pub fn is_seen(&self, inputs: &FieldInputs, i: usize, view: &Point3<f64>) -> bool {
-        self.faces(inputs, i, view) && !inputs.clearance.occluded(view, &self.ends[i])
+        self.faces(inputs, i, view) && !inputs.free.clearance.occluded(view, &self.ends[i])
     }
 }

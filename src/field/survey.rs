@@ -129,7 +129,7 @@ impl Survey {
         FieldInputs {
             scene: &self.scene,
             outlines: &self.outlines,
-            clearance: &self.free.clearance,
+            free: &self.free,
             samples: &self.samples,
             viewpoints: &self.viewpoints,
             disks: &self.disks,
@@ -267,7 +267,7 @@ pub struct Changes {
 
 impl Snapshot {
     pub fn field(&self) -> FieldTable<'_> {
-        let table = FieldTable::open(self.field.blocks(), self.field.segments());
+        let table = FieldTable::open_again(self.field.blocks(), self.field.segments());
         table.expect("the table was opened when the snapshot was made and nobody writes to it")
     }
 

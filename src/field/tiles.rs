@@ -16,6 +16,9 @@ use crate::scene::Bounds;
 /// Edge of a tile, m, as far as columns of the lattice allow: about what the range of a view is, so that an edit touches a dozen of them.
 const EDGE_M: f64 = 80.0;
 
+/// Tiles whose boxes a worker finds at once, at least.
+const LEAST_TILES: usize = 64;
+
 /// The viewpoints whose rows lie in one segment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tile {
@@ -41,7 +44,7 @@ pub fn tiles(cells: &[Cell], viewpoints: &[Viewpoint], spacing_m: f64) -> Vec<Ti
         let bounds = Bounds::of_points(members.iter().map(|&j| viewpoints[j as usize].position))?;
         Some(Tile { key, viewpoints: members, bounds })
     };
-    members.into_par_iter().filter_map(tile).collect()
+    members.into_iter().collect::<Vec<_>>().into_par_iter().with_min_len(LEAST_TILES).filter_map(tile).collect()
 }
 
 /// The patches of all samples that a tile's viewpoints may see.
@@ -88,7 +91,10 @@ impl<'a> Reach<'a> {
 
     /// Adds masks by patch to those of all samples.
     pub fn merge<T: Copy + BitOrAssign>(&self, masks: &[T], all: &mut [T]) {
-        merge(masks, &self.firsts, all);
+        for (masks, &first) in masks.chunks(PATCH).zip(&self.firsts) {
+            // The last patches end beyond the last sample.
+            all[first as usize..].iter_mut().zip(masks).for_each(|(all, mask)| *all |= *mask);
+        }
     }
 
     /// Numbers the patches that are seen at all, in the rows and in what is returned: the first sample of each.
@@ -128,13 +134,5 @@ impl RowBits {
             rows.see(patch, std::mem::take(bits));
         }
         rows.end_row();
-    }
-}
-
-/// Adds masks by patch to those of all samples; the patches begin at these.
-pub fn merge<T: Copy + BitOrAssign>(masks: &[T], firsts: &[u32], all: &mut [T]) {
-    for (masks, &first) in masks.chunks(PATCH).zip(firsts) {
-        // The last patches end beyond the last sample.
-        all[first as usize..].iter_mut().zip(masks).for_each(|(all, mask)| *all |= *mask);
     }
 }

@@ -5,17 +5,18 @@
 //! was blocked. What results equals a field that is built anew,
 //! bit for bit (`tests/field_is_exact.rs`).
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use nalgebra::Point3;
-use overfly_table::rows::{PATCH, SeenRow};
-use overfly_table::{FieldTable, Segment, SegmentRows};
+use overfly_table::rows::{PATCH, SeenRow, ones};
+use overfly_table::{FieldTable, SampleSet, Segment, SegmentRows};
 use rayon::prelude::*;
 
 use super::build::{FieldInputs, SLACK_M};
 use super::rows::{Group, Place, Targets, Visibility, write};
 use super::survey::FieldError;
-use super::tiles::{Reach, RowBits, Tile, merge};
+use super::tiles::{Reach, RowBits, Tile};
 use super::viewpoints::Cell;
 use crate::coverage::Mask;
 use crate::scene::Bounds;
@@ -73,6 +74,15 @@ struct Update<'a> {
 
 const NOWHERE: u32 = u32::MAX;
 
+/// The rows of all tiles, with the first samples of their patches.
+struct Rows<'r> {
+    tiles: &'r [Tile],
+    segments: &'r [Segment],
+    patches: &'r [Vec<u32>],
+    /// Whether a tile is as it was before.
+    is_kept: &'r [bool],
+}
+
 /// A patch of an earlier segment: its patch in the reach, and which of its samples are as before.
 #[derive(Clone, Copy)]
 struct Moved {
@@ -112,6 +122,24 @@ struct Work<'a> {
     moved: Vec<Moved>,
 }
 
+impl Work<'_> {
+    /// Whether nothing within reach of a viewpoint has changed.
+    fn is_far_from(&self, view: &Point3<f64>, reach_m: f64) -> bool {
+        let is_near = |bounds: &Bounds| bounds.distance_squared(view) <= reach_m * reach_m;
+        let is_renewed = |suspect: &Suspect| is_near(&self.reach.groups[suspect.number].0.bounds);
+        !self.gone.iter().chain(&self.come).any(is_near) && !self.renewed.iter().any(is_renewed)
+    }
+
+    /// Adds a row that is as before: what is kept keeps its order.
+    fn copy_row(&self, before: &Before, rows: &mut SegmentRows) {
+        for seen in before.seen {
+            let Moved { patch, kept } = self.moved[seen.patch as usize];
+            rows.see(patch as u32, seen.bits & kept);
+        }
+        rows.end_row();
+    }
+}
+
 /// The visibility of the viewpoints in `cells`, in `tiles`, of a scene that differs from the earlier one, and how its samples compare with that one's.
 pub fn update_rows<E: From<FieldError> + Send>(
     inputs: &FieldInputs,
@@ -126,14 +154,15 @@ pub fn update_rows<E: From<FieldError> + Send>(
     let earlier_of = |tile: &Tile| earlier.tiles.binary_search_by_key(&tile.key, |old| old.key).ok();
     let of_tile = |tile: &Tile| match (stop.is_stopped(), earlier_of(tile)) {
         (true, _) => Err(FieldError::Stopped.into()),
-        (false, Some(old)) if update.is_as_before(tile, old) => Ok(update.kept_tile(old)),
-        (false, old) => update.tile(tile, old, place, stop),
+        (false, Some(old)) if update.is_as_before(tile, old) => Ok((update.kept_tile(old), true)),
+        (false, old) => Ok((update.tile(tile, old, place, stop)?, false)),
     };
     let rows: Result<Vec<_>, E> = tiles.par_iter().with_max_len(1).map(of_tile).collect();
     let is_vanished = |old: &usize| tiles.binary_search_by_key(&earlier.tiles[*old].key, |tile| tile.key).is_err();
     (0..earlier.tiles.len()).filter(is_vanished).for_each(|old| update.drop_tile(old));
-    let (segments, patches): (Vec<Segment>, Vec<Vec<u32>>) = rows?.into_iter().unzip();
-    let unions = update.unions(tiles, &segments, &patches);
+    let (rows, is_kept): (Vec<(Segment, Vec<u32>)>, Vec<bool>) = rows?.into_iter().unzip();
+    let (segments, patches): (Vec<Segment>, Vec<Vec<u32>>) = rows.into_iter().unzip();
+    let unions = update.unions(&Rows { tiles, segments: &segments, patches: &patches, is_kept: &is_kept });
     Ok((Visibility { segments, patches, unions }, update.into_seen()))
 }
 
@@ -164,7 +193,7 @@ impl<'a> Update<'a> {
             is_kept,
             gone: grown(&differences.gone),
             come: grown(&differences.come),
-            exchange: Exchange::between(earlier.clearance, inputs.clearance, differences),
+            exchange: Exchange::between(earlier.clearance, &inputs.free.clearance, differences),
             found: Mutex::new(Found { gained: nothing(), lost: nothing(), is_touched: vec![false; samples.len()] }),
         }
     }
@@ -205,8 +234,14 @@ impl<'a> Update<'a> {
             while let Some(dropped) = before.next_if(|old| old.cell < cell) {
                 self.drop_row(&dropped, &mut work);
             }
-            self.fill_row(j as usize, before.next_if(|old| old.cell == cell), &mut bits, &mut work);
-            bits.end(&mut rows);
+            let view = &self.inputs.viewpoints[j as usize].position;
+            match before.next_if(|old| old.cell == cell) {
+                Some(old) if work.is_far_from(view, self.inputs.reach_m()) => work.copy_row(&old, &mut rows),
+                old => {
+                    self.fill_row(view, old, &mut bits, &mut work);
+                    bits.end(&mut rows);
+                }
+            }
         }
         before.for_each(|dropped| self.drop_row(&dropped, &mut work));
         self.merge(&work);
@@ -268,13 +303,12 @@ impl<'a> Update<'a> {
         })
     }
 
-    /// The row of viewpoint `j`, which may have been there before.
-    fn fill_row(&self, j: usize, before: Option<Before>, bits: &mut RowBits, work: &mut Work) {
-        let view = self.inputs.viewpoints[j].position;
+    /// The row of a viewpoint, which may have been there before.
+    fn fill_row(&self, view: &Point3<f64>, before: Option<Before>, bits: &mut RowBits, work: &mut Work) {
         let Work { reach, gained, lost, is_touched, gone, come, renewed, suspects, moved } = work;
-        let mask = |i: usize| self.inputs.disks.mask(&self.targets.frames[i], &view);
+        let mask = |i: usize| self.inputs.disks.mask(&self.targets.frames[i], view);
         let Some(before) = before else {
-            self.targets.seen_from(self.inputs, reach, &view, |i, patch, offset| {
+            self.targets.seen_from(self.inputs, reach, view, |i, patch, offset| {
                 bits.mark(patch, offset);
                 gained[patch * PATCH + offset] |= mask(i);
                 is_touched[patch * PATCH + offset] = true;
@@ -286,7 +320,7 @@ impl<'a> Update<'a> {
             bits.mark_bits(patch, seen.bits & kept);
         }
         let reach_m = self.inputs.reach_m();
-        let in_range = |bounds: &Bounds| bounds.distance_squared(&view) <= reach_m * reach_m;
+        let in_range = |bounds: &Bounds| bounds.distance_squared(view) <= reach_m * reach_m;
         let near = |boxes: &[Bounds]| boxes.iter().copied().filter(in_range).collect::<Vec<_>>();
         let (gone, come) = (near(gone), near(come));
         // Far from every change only samples that are not as before have to be looked at.
@@ -297,9 +331,9 @@ impl<'a> Update<'a> {
                 continue;
             }
             // All lines of sight to the structure lie in here.
-            let lines = Bounds { min: group.bounds.min.inf(&view), max: group.bounds.max.sup(&view) };
+            let lines = Bounds { min: group.bounds.min.inf(view), max: group.bounds.max.sup(view) };
             let are_crossed =
-                |boxes: &[Bounds]| boxes.iter().any(|bounds| bounds.meets(&lines) && group.bounds.may_be_behind(bounds, &view));
+                |boxes: &[Bounds]| boxes.iter().any(|bounds| bounds.meets(&lines) && group.bounds.may_be_behind(bounds, view));
             let (is_any_gone, has_any_come) = (are_crossed(&gone), are_crossed(&come));
             if !(is_renewed || is_any_gone || has_any_come) {
                 continue;
@@ -307,11 +341,11 @@ impl<'a> Update<'a> {
             for (i, offset) in group.samples.clone().zip(0..) {
                 let end = &self.targets.ends[i];
                 let was_seen = self.is_kept[i] && bits.is_marked(patch, offset);
-                if was_seen && has_any_come && self.exchange.may_change(false, &view, end) {
+                if was_seen && has_any_come && self.exchange.may_change(false, view, end) {
                     bits.unmark(patch, offset);
                     lost[patch * PATCH + offset] |= mask(i);
                     is_touched[patch * PATCH + offset] = true;
-                } else if !was_seen && self.may_be_seen(i, is_any_gone, &view) && self.targets.is_seen(self.inputs, i, &view) {
+                } else if !was_seen && self.may_be_seen(i, is_any_gone, view) && self.targets.is_seen(self.inputs, i, view) {
                     bits.mark(patch, offset);
                     gained[patch * PATCH + offset] |= mask(i);
                     is_touched[patch * PATCH + offset] = true;
@@ -340,10 +374,10 @@ impl<'a> Update<'a> {
     }
 
     /// What all viewpoints together cover of each sample. Of cells that a lost view covered it is asked who else covers them.
-    fn unions(&self, tiles: &[Tile], segments: &[Segment], patches: &[Vec<u32>]) -> Vec<Mask> {
+    fn unions(&self, rows: &Rows) -> Vec<Mask> {
         let Found { gained, lost, .. } = &*self.lock();
         let in_doubt: Vec<Mask> = lost.iter().zip(gained).map(|(lost, gained)| lost & !gained).collect();
-        let covered = self.covered(&in_doubt, tiles, segments, patches);
+        let covered = self.covered(&in_doubt, rows);
         let mut unions = gained.clone();
         for (&now, before) in self.now.iter().zip(self.earlier.unions).filter(|(now, _)| **now != NOWHERE) {
             let i = now as usize;
@@ -354,38 +388,44 @@ impl<'a> Update<'a> {
         unions
     }
 
-    /// Of cells by sample those that some viewpoint covers.
-    fn covered(&self, cells: &[Mask], tiles: &[Tile], segments: &[Segment], patches: &[Vec<u32>]) -> Vec<Mask> {
-        let mut is_asked = vec![0u64; cells.len() / 64 + 2];
-        cells.iter().enumerate().filter(|(_, cells)| **cells != 0).for_each(|(i, _)| is_asked[i / 64] |= 1 << (i % 64));
-        let bits_from = |first: u32| {
-            let (word, shift) = (first as usize / 64, first % 64);
-            ((u128::from(is_asked[word + 1]) << 64 | u128::from(is_asked[word])) >> shift) as u32
-        };
-        let all_covered = Mutex::new(vec![0; cells.len()]);
-        let ask_tile = |((tile, segment), patches): ((&Tile, &Segment), &Vec<u32>)| {
-            let mut asked: Vec<u32> = patches.iter().map(|&first| bits_from(first)).collect();
-            if asked.iter().all(|bits| *bits == 0) {
-                return;
-            }
-            let mut covered = vec![0 as Mask; asked.len() * PATCH];
-            for (row, &j) in tile.viewpoints.iter().enumerate() {
-                let view = &self.inputs.viewpoints[j as usize].position;
-                for seen in segment.row(row) {
-                    let patch = seen.patch as usize;
-                    for b in ones(seen.bits & asked[patch]) {
-                        let (i, covered) = (patches[patch] as usize + b, &mut covered[patch * PATCH + b]);
-                        *covered |= self.inputs.disks.mask(&self.targets.frames[i], view);
-                        if cells[i] & !*covered == 0 {
-                            asked[patch] &= !(1 << b);
+    /// Of cells by sample those that some viewpoint covers. Whoever finds the last of a sample's cells spares all others the look at it, and most of them are
+    /// found where the edit was.
+    fn covered(&self, cells: &[Mask], rows: &Rows) -> Vec<Mask> {
+        let halves = |mask: Mask| [mask as u64, (mask >> 64) as u64];
+        let missing: Vec<[AtomicU64; 2]> = cells.iter().map(|&cells| halves(cells).map(AtomicU64::new)).collect();
+        let is_missing = |i: usize| missing[i].iter().any(|half| half.load(Ordering::Relaxed) != 0);
+        for is_far in [false, true] {
+            let mut asked = SampleSet::none_of(cells.len());
+            (0..cells.len()).filter(|&i| is_missing(i)).for_each(|i| asked.insert(i));
+            let ask_tile = |tile: usize| {
+                let patches = &rows.patches[tile];
+                let mut asked: Vec<u32> = patches.iter().map(|&first| asked.bits_from(first as usize)).collect();
+                if asked.iter().all(|bits| *bits == 0) {
+                    return;
+                }
+                for (row, &j) in rows.tiles[tile].viewpoints.iter().enumerate() {
+                    let view = &self.inputs.viewpoints[j as usize].position;
+                    for seen in rows.segments[tile].row(row) {
+                        let patch = seen.patch as usize;
+                        for b in ones(seen.bits & asked[patch]) {
+                            let i = patches[patch] as usize + b;
+                            if !is_missing(i) {
+                                asked[patch] &= !(1 << b);
+                                continue;
+                            }
+                            let found = halves(self.inputs.disks.mask(&self.targets.frames[i], view));
+                            missing[i].iter().zip(found).for_each(|(half, found)| {
+                                half.fetch_and(!found, Ordering::Relaxed);
+                            });
                         }
                     }
                 }
-            }
-            merge(&covered, patches, &mut all_covered.lock().unwrap_or_else(PoisonError::into_inner));
-        };
-        tiles.par_iter().zip(segments).zip(patches).with_max_len(1).for_each(ask_tile);
-        all_covered.into_inner().unwrap_or_else(PoisonError::into_inner)
+            };
+            let tiles: Vec<usize> = (0..rows.tiles.len()).filter(|&tile| rows.is_kept[tile] == is_far).collect();
+            tiles.into_par_iter().with_max_len(1).for_each(ask_tile);
+        }
+        let left = missing.into_iter().map(|halves| halves.map(AtomicU64::into_inner));
+        left.zip(cells).map(|([low, high], cells)| cells & !(Mask::from(low) | Mask::from(high) << 64)).collect()
     }
 
     /// The samples beside those of the field before.
@@ -408,11 +448,4 @@ impl<'a> Update<'a> {
     fn lock(&self) -> MutexGuard<'_, Found> {
         self.found.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// The places of the bits that are set.
-fn ones(bits: u32) -> impl Iterator<Item = usize> {
-    std::iter::successors(Some(bits), |rest| Some(rest & rest.wrapping_sub(1)))
-        .take_while(|rest| *rest != 0)
-        .map(|rest| rest.trailing_zeros() as usize)
 }

@@ -3,8 +3,6 @@
 //! A cell's viewpoint depends on the cell and on the geometry near it alone, so that an edit moves only viewpoints near by. Under roofs
 //! it depends on the way out as well.
 
-use std::collections::BTreeSet;
-
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -79,16 +77,18 @@ pub fn sites(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Ve
     Some(filled?.concat())
 }
 
-/// The same of a scene with these differences to an earlier one, whose sites are `before`; flights kept within the `limits` there.
+/// The same of a scene with these differences to an earlier one, whose sites are `before`; `earlier` is the free space there.
 pub fn sites_after(
     free: &FreeSpace,
     lattice: &Lattice,
     before: &[Site],
-    limits: &Bounds,
+    earlier: &FreeSpace,
     differences: &Differences,
     stop: &StopToken,
 ) -> Option<Vec<Site>> {
     let (low, high) = lattice.corners(free);
+    let limits = &earlier.limits;
+    let (newcomers, gone) = (free.only_new(differences), earlier.clearance.only_gone(differences));
     // Clearances are cut off at the outer edge of the shell: what is farther away changes nothing.
     let near: Vec<Bounds> = differences.boxes().map(|bounds| bounds.grown(SLACK_M)).collect();
     let barred: Vec<Bounds> = differences.barred.iter().map(|bounds| bounds.grown(SLACK_M)).collect();
@@ -98,14 +98,15 @@ pub fn sites_after(
         true => vec![free.limits],
         false => near.iter().map(|bounds| bounds.grown(lattice.shell_m)).chain(barred.iter().copied()).collect(),
     };
-    let mut columns = BTreeSet::new();
+    let mut columns = Vec::new();
     for shell in &shells {
         let (from, to) = (lattice.cell(&shell.min), lattice.cell(&shell.max));
         for x in from[0].max(low[0])..=to[0].min(high[0]) {
             columns.extend((from[1].max(low[1])..=to[1].min(high[1])).map(|y| [x, y]));
         }
     }
-    let columns: Vec<[i64; 2]> = columns.into_iter().collect();
+    columns.sort_unstable();
+    columns.dedup();
     let of_column = |column: &[i64; 2]| {
         let first = before.partition_point(|site| site.cell[..2] < column[..]);
         let count = before[first..].iter().take_while(|site| site.cell[..2] == column[..]).count();
@@ -120,18 +121,31 @@ pub fn sites_after(
             let position = position(lattice, cell);
             let is_near = |bounds: &Bounds| bounds.distance_squared(&position) <= lattice.shell_m * lattice.shell_m;
             let is_barred = |bounds: &Bounds| bounds.contains(&position);
-            let is_renewed = differences.is_ground_new
-                || free.limits.contains(&position) != limits.contains(&position)
-                || near.iter().any(is_near)
-                || barred.iter().any(is_barred);
-            if is_renewed {
-                return site(free, lattice, cell);
-            }
             let is_under = |bounds: &Bounds| {
                 (0..2).all(|axis| (bounds.min[axis]..=bounds.max[axis]).contains(&position[axis])) && bounds.max.z >= position.z
             };
             let is_open = |site: &Site| if near.iter().any(is_under) { free.sees_the_sky(&position) } else { site.is_open };
-            old.map(|site| Site { is_open: is_open(site), ..*site })
+            if differences.is_ground_new
+                || free.limits.contains(&position) != limits.contains(&position)
+                || barred.iter().any(is_barred)
+            {
+                return site(free, lattice, cell);
+            }
+            if !near.iter().any(is_near) {
+                return old.map(|site| Site { is_open: is_open(site), ..*site });
+            }
+            // What is nearest, if it is still there, is nearer than all else that was: only what is new can be nearer, or in the way.
+            let nearest_m = |site: &Site| site.viewpoint.clearance_m;
+            match old
+                .filter(|site| free.terrain().is_none() && gone.standing_distance_m(&position, lattice.shell_m) > nearest_m(site))
+            {
+                Some(_) if !newcomers.is_safe(&position) => None,
+                Some(site) => {
+                    let clearance_m = newcomers.clearance.standing_distance_m(&position, lattice.shell_m).min(nearest_m(site));
+                    Some(Site { viewpoint: Viewpoint { position, clearance_m }, is_open: is_open(site), cell })
+                }
+                None => site(free, lattice, cell),
+            }
         };
         (!stop.is_stopped()).then(|| cells.filter_map(renew).collect())
     };
@@ -292,7 +306,7 @@ mod tests {
         assert_eq!(old.limits, new.limits, "or all would be renewed for that");
         let (was, rebuilt) = (sites_of(&old), sites_of(&new));
         let differences = Differences::between(&before, &after);
-        let updated = sites_after(&new, &lattice, &was, &old.limits, &differences, &StopToken::default()).unwrap();
+        let updated = sites_after(&new, &lattice, &was, &old, &differences, &StopToken::default()).unwrap();
         let cells = |sites: &[Site]| sites.iter().map(|site| (site.cell, site.viewpoint, site.is_open)).collect::<Vec<_>>();
         assert!(cells(&was) != cells(&rebuilt) && cells(&updated) == cells(&rebuilt));
         // Far above the ground as well.

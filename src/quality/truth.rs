@@ -34,7 +34,8 @@ const MOST_BURIED: f64 = 10.0;
 
 fn bounded(sampling: Sampling, scene: &Scene, target: u32) -> Sampler {
     let sampler = Sampler::new(sampling);
-    let excess = sampler.estimate(scene) / (MOST_BURIED * f64::from(target));
+    let excess = sampler.estimate(scene.structures.iter().map(|structure| structure.surface_m2()).sum())
+        / (MOST_BURIED * f64::from(target));
     if excess <= 1.0 { sampler } else { Sampler::new(Sampling { spacing_m: sampling.spacing_m * excess.sqrt(), ..sampling }) }
 }
 

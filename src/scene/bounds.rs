@@ -51,6 +51,7 @@ impl Bounds {
     }
 
     /// Whether the segment from `a` to `b` meets the box.
+    #[inline]
     pub fn meets_segment(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
         let (mut enter, mut leave) = (0.0f64, 1.0f64);
         for axis in 0..3 {

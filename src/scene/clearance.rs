@@ -57,6 +57,13 @@ impl Clearance {
         Self::of_bodies(bodies.map(|(_, body)| Arc::clone(body)).collect())
     }
 
+    /// Only the structures that are in a later scene no more.
+    pub fn only_gone(&self, differences: &Differences) -> Self {
+        let mut is_gone = vec![true; self.bodies.len()];
+        differences.kept.iter().flatten().for_each(|&index| is_gone[index] = false);
+        self.only(|index| is_gone[index])
+    }
+
     pub fn of_triangles(triangles: Vec<Triangle>) -> Self {
         Self::of_bodies(vec![Arc::new(Body::new(triangles))])
     }
@@ -166,22 +173,49 @@ impl Clearance {
 /// The surfaces that only one of two scenes has: what they hide tells which lines of sight have to be looked at again.
 #[derive(Debug)]
 pub struct Exchange {
-    gone: Clearance,
-    come: Clearance,
+    gone: Side,
+    come: Side,
+}
+
+/// The surfaces that one of the scenes has alone.
+#[derive(Debug)]
+struct Side {
+    clearance: Clearance,
+    /// By structure, where these are few: most lines pass by all of them, which is seen sooner here.
+    boxes: Option<Vec<Bounds>>,
+}
+
+/// Looking through more boxes takes longer than the hierarchy.
+const MOST_BOXES: usize = 8;
+/// Boxes are taken for so much larger, m, that rounding decides nothing.
+const SLACK_M: f64 = 1e-3;
+
+impl Side {
+    fn new(clearance: Clearance) -> Self {
+        let bodies = || clearance.leaves.iter().map(|&index| &clearance.bodies[index]);
+        let of_body = |body: &Arc<Body>| Bounds::of_points(body.triangles.iter().flatten().copied());
+        let is_few = clearance.leaves.len() <= MOST_BOXES;
+        let boxes = is_few.then(|| bodies().filter_map(of_body).map(|bounds| bounds.grown(SLACK_M)).collect());
+        Self { boxes, clearance }
+    }
+
+    fn blocks(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        let may_block = self.boxes.as_ref().is_none_or(|boxes| boxes.iter().any(|bounds| bounds.meets_segment(a, b)));
+        may_block && self.clearance.occluded(a, b)
+    }
 }
 
 impl Exchange {
     pub fn between(before: &Clearance, after: &Clearance, differences: &Differences) -> Self {
-        let mut is_gone = vec![true; before.bodies.len()];
-        differences.kept.iter().flatten().for_each(|&index| is_gone[index] = false);
-        Self { gone: before.only(|index| is_gone[index]), come: after.only(|index| differences.kept[index].is_none()) }
+        let come = after.only(|index| differences.kept[index].is_none());
+        Self { gone: Side::new(before.only_gone(differences)), come: Side::new(come) }
     }
 
     /// Whether the line from `a` to `b` may be blocked in one of the scenes alone, when in the earlier one it was blocked or not. For a free line the answer
     /// is exact: it is blocked in the later scene if it is here.
     pub fn may_change(&self, was_blocked: bool, a: &Point3<f64>, b: &Point3<f64>) -> bool {
         // What was blocked by nothing that is gone is blocked by something that is still there.
-        if was_blocked { self.gone.occluded(a, b) } else { self.come.occluded(a, b) }
+        if was_blocked { self.gone.blocks(a, b) } else { self.come.blocks(a, b) }
     }
 }
 

@@ -38,6 +38,8 @@ struct Solid {
     bounds: Bounds,
     /// Nothing gets inside without passing through the surface.
     is_closed: bool,
+    /// What there is to be captured of it, m^2.
+    surface_m2: f64,
 }
 
 /// Why a position or a leg cannot be flown.
@@ -134,6 +136,11 @@ impl FreeSpace {
     /// The boxes of the scene's structures, in their order, m.
     pub fn structure_bounds(&self) -> Vec<Bounds> {
         self.solids.iter().map(|solid| solid.bounds).collect()
+    }
+
+    /// The surface of all structures that are to be captured, m^2.
+    pub fn surface_m2(&self) -> f64 {
+        self.solids.iter().map(|solid| solid.surface_m2).sum()
     }
 
     /// Why `p` is not a safe position; `None` when it is one.
@@ -261,7 +268,12 @@ impl FreeSpace {
 
 impl Solid {
     fn new(structure: &Arc<Structure>) -> Self {
-        Self { bounds: structure.bounds(), is_closed: structure.is_closed(), structure: Arc::clone(structure) }
+        Self {
+            bounds: structure.bounds(),
+            is_closed: structure.is_closed(),
+            surface_m2: structure.surface_m2(),
+            structure: Arc::clone(structure),
+        }
     }
 
     fn contains(&self, p: &Point3<f64>) -> bool {

@@ -52,6 +52,20 @@ impl Structure {
         bounds.unwrap_or(Bounds { min: Point3::origin(), max: Point3::origin() })
     }
 
+    /// The surface that is to be captured, m^2, without cutting it into triangles first where that is not needed.
+    pub fn surface_m2(&self) -> f64 {
+        match &self.shape {
+            Shape::Mesh { triangles } => triangles.iter().map(area_m2).sum(),
+            Shape::Obstacle { .. } | Shape::Terrain(_) => 0.0,
+            Shape::Prism { footprint, base_m, top_m } => {
+                let rings = footprint.iter().flat_map(|polygon| std::iter::once(polygon.exterior()).chain(polygon.interiors()));
+                let edges_m: f64 = rings.flat_map(|ring| ring.lines()).map(|edge| edge.delta().x.hypot(edge.delta().y)).sum();
+                let flat_sides = if *base_m > 0.0 { 2.0 } else { 1.0 };
+                footprint.unsigned_area() * flat_sides + edges_m * (top_m - base_m)
+            }
+        }
+    }
+
     /// The structure seen from above, m: exterior rings counter-clockwise, holes clockwise. The terrain, which is everywhere, has no outline.
     pub fn outlines(&self) -> MultiPolygon<f64> {
         match &self.shape {
@@ -84,6 +98,11 @@ impl Structure {
             Shape::Terrain(terrain) => terrain.contains(point),
         }
     }
+}
+
+/// Area of a triangle, m^2.
+pub fn area_m2([a, b, c]: &Triangle) -> f64 {
+    (b - a).cross(&(c - a)).norm() / 2.0
 }
 
 /// Whether each edge of the surface is passed as often one way as the other, so that no line gets in without meeting it.

@@ -1,7 +1,7 @@
 //! What a rig can reach of each sample at all, by its views from all viewpoints together.
 
 use nalgebra::Point3;
-use overfly_table::FieldTable;
+use overfly_table::{FieldTable, SampleSet};
 use rayon::prelude::*;
 
 use super::problem::is_framed;
@@ -32,11 +32,11 @@ pub struct Reach {
 }
 
 impl Seeing<'_> {
-    /// The viewpoints from which samples for which `only` holds may be seen, in their order; all of them without it.
-    fn viewpoints(&self, only: Option<&[bool]>) -> Vec<(usize, Point3<f64>)> {
+    /// The viewpoints from which samples of `only` may be seen, in their order; all of them without it.
+    fn viewpoints(&self, only: Option<&SampleSet>) -> Vec<(usize, Point3<f64>)> {
         let all = self.field.viewpoints.iter().map(|row| Point3::from(row.position_m)).enumerate();
         let Some(only) = only else { return all.collect() };
-        let open = self.frames.iter().zip(only).filter(|(_, is_open)| **is_open).map(|(frame, _)| frame.position);
+        let open = self.frames.iter().enumerate().filter(|(i, _)| only.contains(*i)).map(|(_, frame)| frame.position);
         let Some(bounds) = Bounds::of_points(open) else { return Vec::new() };
         let range_m = self.disks.range_m() * (1.0 + 1e-9);
         all.filter(|(_, position)| bounds.distance_squared(position) <= range_m * range_m).collect()
@@ -50,10 +50,11 @@ impl Reach {
 
     /// The same from that of the field before, which differs by `changes`: only samples that are seen from elsewhere now are looked at.
     pub fn after(&self, seeing: &Seeing, changes: &Changes) -> Self {
-        let is_open: Vec<bool> =
-            changes.same.iter().zip(&changes.is_touched).map(|(same, is_touched)| same.is_none() || *is_touched).collect();
-        let (mut ceilings, mut is_matchable) = (ceilings(seeing, Some(&is_open)), matchable(seeing, Some(&is_open)));
-        for (i, same) in changes.same.iter().enumerate().filter(|(i, _)| !is_open[*i]) {
+        let mut open = SampleSet::none_of(changes.same.len());
+        let looked_at = changes.same.iter().zip(&changes.is_touched).map(|(same, is_touched)| same.is_none() || *is_touched);
+        looked_at.enumerate().filter(|(_, is_open)| *is_open).for_each(|(i, _)| open.insert(i));
+        let (mut ceilings, mut is_matchable) = (ceilings(seeing, Some(&open)), matchable(seeing, Some(&open)));
+        for (i, same) in changes.same.iter().enumerate().filter(|(i, _)| !open.contains(*i)) {
             let Some(old) = same.map(|old| old as usize) else { continue };
             (ceilings[i], is_matchable[i]) = (self.ceilings[old], self.is_matchable[old]);
         }
@@ -61,10 +62,10 @@ impl Reach {
     }
 }
 
-/// Cells of each sample that the rig's views from all viewpoints, in all directions that it can take, cover; 0 where `only` is given and does
-/// not hold. For a rig that sees in all directions this is a section of the field; for others the frustum is a further test on the same
+/// Cells of each sample that the rig's views from all viewpoints, in all directions that it can take, cover; 0 for samples beyond `only` where
+/// that is given. For a rig that sees in all directions this is a section of the field; for others the frustum is a further test on the same
 /// visibility bits (section 5.4).
-fn ceilings(seeing: &Seeing, only: Option<&[bool]>) -> Vec<u16> {
+fn ceilings(seeing: &Seeing, only: Option<&SampleSet>) -> Vec<u16> {
     let Seeing { field, rig, frames, disks, is_shorter, .. } = *seeing;
     let directions = rig.pose_directions();
     let sees_all = directions == [None];
@@ -73,12 +74,17 @@ fn ceilings(seeing: &Seeing, only: Option<&[bool]>) -> Vec<u16> {
     }
     let nothing = || vec![0 as Mask; frames.len()];
     let unions = seeing.viewpoints(only).into_par_iter().fold(nothing, |mut union, (j, position)| {
-        let mut seen = field.row(j).samples().filter(|&i| only.is_none_or(|only| only[i])).peekable();
-        if seen.peek().is_some() {
-            let views = views(rig, position);
-            for i in seen.filter(|&i| sees_all || is_framed(Some(&views), &frames[i].position)) {
+        let row = field.row(j);
+        let mut here = None;
+        let mut see = |i: usize| {
+            let views = here.get_or_insert_with(|| views(rig, position));
+            if sees_all || is_framed(Some(views), &frames[i].position) {
                 union[i] |= disks.mask(&frames[i], &position);
             }
+        };
+        match only {
+            Some(only) => row.samples_in(only).for_each(&mut see),
+            None => row.samples().for_each(&mut see),
         }
         union
     });
@@ -89,23 +95,32 @@ fn ceilings(seeing: &Seeing, only: Option<&[bool]>) -> Vec<u16> {
     union.into_iter().map(|mask| mask.count_ones() as u16).collect()
 }
 
-/// Which samples the rig's views from the viewpoints give enough matched views; none where `only` is given and does not hold.
-fn matchable(seeing: &Seeing, only: Option<&[bool]>) -> Vec<bool> {
+/// Which samples the rig's views from the viewpoints give enough matched views; none beyond `only` where that is given.
+fn matchable(seeing: &Seeing, only: Option<&SampleSet>) -> Vec<bool> {
     let Seeing { field, rig, frames, disks, matching, .. } = *seeing;
     let mut samples = vec![MatchedViews::default(); frames.len()];
-    let mut is_open: Vec<bool> = only.map_or_else(|| vec![true; frames.len()], <[bool]>::to_vec);
+    let all = || {
+        let mut all = SampleSet::none_of(frames.len());
+        (0..frames.len()).for_each(|i| all.insert(i));
+        all
+    };
+    let mut open = only.map_or_else(all, SampleSet::clone);
     let most_tried = MOST_TRIED_VIEWS.max(4 * matching.least_views as usize);
+    let mut seen = Vec::new();
     for (j, position) in seeing.viewpoints(only) {
-        let seen: Vec<usize> = field.row(j).samples().filter(|&i| is_open[i]).collect();
+        seen.clear();
+        seen.extend(field.row(j).samples_in(&open));
         if seen.is_empty() {
             continue;
         }
         let views = views(rig, position);
-        for i in seen {
+        for &i in &seen {
             let frame = &frames[i];
             if (views.is_empty() || is_framed(Some(&views), &frame.position)) && disks.faces(frame, &position) {
                 samples[i].add(matching, Bearing::new(&frame.position, &position));
-                is_open[i] = samples[i].matched() < matching.least_views && samples[i].len() < most_tried;
+                if samples[i].matched() >= matching.least_views || samples[i].len() >= most_tried {
+                    open.remove(i);
+                }
             }
         }
     }

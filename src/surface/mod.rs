@@ -7,11 +7,11 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use geo::Area;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::scene::differences::Differences;
+use crate::scene::solid::area_m2;
 use crate::scene::{Bounds, Scene, Shape, Structure, StructureId, Triangle};
 use crate::stop::StopToken;
 
@@ -74,10 +74,9 @@ impl Sampler {
         Self { sampling, made: Mutex::default() }
     }
 
-    /// About how many samples the scene will have.
-    pub fn estimate(&self, scene: &Scene) -> f64 {
-        let area_m2: f64 = scene.structures.iter().map(|structure| surface_m2(structure)).sum();
-        area_m2 / (self.sampling.spacing_m * self.sampling.spacing_m)
+    /// About how many samples a surface of such an area will have.
+    pub fn estimate(&self, surface_m2: f64) -> f64 {
+        surface_m2 / (self.sampling.spacing_m * self.sampling.spacing_m)
     }
 
     pub fn sampling(&self) -> &Sampling {
@@ -113,27 +112,35 @@ impl Sampler {
         &self,
         scene: &Scene,
         bounds: &[Bounds],
-        known: impl Fn(usize) -> Option<Kept<'k>> + Sync,
+        known: impl Fn(usize) -> Option<Kept<'k>>,
         stop: &StopToken,
     ) -> Option<Vec<Sample>> {
         let reach_m = self.sampling.offset_m;
-        let of_structure = |(index, structure): (usize, &Arc<Structure>)| {
+        let known: Vec<Option<Kept>> = (0..scene.structures.len()).map(known).collect();
+        let is_settled = |index: usize| known[index].as_ref().is_some_and(|known| known.is_exposure_known);
+        let looked_at = |index: usize| {
             if stop.is_stopped() {
                 return None;
             }
-            let known = known(index);
-            let is_exposure_known = known.as_ref().is_some_and(|known| known.is_exposure_known);
-            let mut samples = known.map_or_else(|| self.of_structure(structure).to_vec(), |known| known.samples.to_vec());
-            samples.iter_mut().for_each(|sample| sample.structure = index as u32);
-            if !is_exposure_known {
-                let neighbours = neighbours(scene, bounds, index, reach_m);
-                samples.iter_mut().for_each(|sample| sample.exposed = is_exposed(sample, &neighbours, reach_m));
-            }
+            let anew = || self.of_structure(&scene.structures[index]).to_vec();
+            let mut samples = known[index].as_ref().map_or_else(anew, |known| known.samples.to_vec());
+            let neighbours = neighbours(scene, bounds, index, reach_m);
+            samples.iter_mut().for_each(|sample| sample.exposed = is_exposed(sample, &neighbours, reach_m));
             Some(samples)
         };
-        let sampled: Option<Vec<Vec<Sample>>> = scene.structures.par_iter().enumerate().map(of_structure).collect();
+        let open: Vec<usize> = (0..known.len()).filter(|&index| !is_settled(index)).collect();
+        let mut fresh = open.into_par_iter().map(looked_at).collect::<Option<Vec<_>>>()?.into_iter();
+        let mut samples = Vec::new();
+        for (index, known) in known.iter().enumerate() {
+            let first = samples.len();
+            match known {
+                Some(known) if known.is_exposure_known => samples.extend_from_slice(known.samples),
+                _ => samples.extend(fresh.next().into_iter().flatten()),
+            }
+            samples[first..].iter_mut().for_each(|sample: &mut Sample| sample.structure = index as u32);
+        }
         self.lock().retain(|id, _| scene.structure(*id).is_some());
-        sampled.map(|structures| structures.concat())
+        Some(samples)
     }
 
     fn of_structure(&self, structure: &Arc<Structure>) -> Arc<Vec<Sample>> {
@@ -292,24 +299,6 @@ fn cut(triangle: Triangle, spacing_m: f64, pieces: &mut Vec<Triangle>) {
 fn scene_area_m2(scene: &Scene) -> f64 {
     let captured = scene.structures.iter().filter(|structure| structure.is_captured());
     captured.flat_map(|structure| structure.triangles()).map(|triangle| area_m2(&triangle)).sum()
-}
-
-/// The surface of a structure without cutting it into triangles first where that is not needed, m^2.
-fn surface_m2(structure: &Structure) -> f64 {
-    match &structure.shape {
-        Shape::Mesh { triangles } => triangles.iter().map(area_m2).sum(),
-        Shape::Obstacle { .. } | Shape::Terrain(_) => 0.0,
-        Shape::Prism { footprint, base_m, top_m } => {
-            let rings = footprint.iter().flat_map(|polygon| std::iter::once(polygon.exterior()).chain(polygon.interiors()));
-            let edges_m: f64 = rings.flat_map(|ring| ring.lines()).map(|edge| (edge.delta().x).hypot(edge.delta().y)).sum();
-            let flat_sides = if *base_m > 0.0 { 2.0 } else { 1.0 };
-            footprint.unsigned_area() * flat_sides + edges_m * (top_m - base_m)
-        }
-    }
-}
-
-fn area_m2([a, b, c]: &Triangle) -> f64 {
-    (b - a).cross(&(c - a)).norm() / 2.0
 }
 
 fn normal([a, b, c]: &Triangle) -> Vector3<f64> {

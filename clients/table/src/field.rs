@@ -206,9 +206,18 @@ fn header(blocks: &[Block]) -> Result<&FieldHeader, LayoutError> {
 impl<'a> FieldTable<'a> {
     /// Opens a table that somebody else may have written, with its segments, one for each tile; every bound and every index between sections is checked.
     pub fn open(blocks: &'a [Block], segments: &'a [Segment]) -> Result<Self, LayoutError> {
+        let table = Self::open_again(blocks, segments)?;
+        table.check_references()?;
+        table.check_segments()?;
+        Ok(table)
+    }
+
+    /// The same of a table that was opened before and that nobody writes to: only the bounds of its sections are looked at again. Of another one an index
+    /// may lead nowhere, and looking it up panics.
+    pub fn open_again(blocks: &'a [Block], segments: &'a [Segment]) -> Result<Self, LayoutError> {
         let header = header(blocks)?;
         let [samples, ceilings, viewpoints, tiles, patches, structures, rings, points, names] = header.sections;
-        let table = Self {
+        Ok(Self {
             facts: &header.facts,
             samples: layout::rows(blocks, samples, NAMES[0])?,
             ceilings: layout::rows(blocks, ceilings, NAMES[1])?,
@@ -221,10 +230,7 @@ impl<'a> FieldTable<'a> {
             points: layout::rows(blocks, points, NAMES[7])?,
             names: layout::rows(blocks, names, NAMES[8])?,
             table_bytes: header.total_bytes,
-        };
-        table.check_references()?;
-        table.check_segments()?;
-        Ok(table)
+        })
     }
 
     /// Whether sample `i` can be captured at all: all viewpoints together cover more than the threshold.
@@ -234,6 +240,7 @@ impl<'a> FieldTable<'a> {
 
     /// The visibility row of viewpoint `j`: what can be seen from it, whatever the direction of the camera. A view direction is a further test on the
     /// same samples.
+    #[inline]
     pub fn row(&self, j: usize) -> Row<'a> {
         let viewpoint = &self.viewpoints[j];
         let tile = viewpoint.tile as usize;

@@ -17,4 +17,4 @@ pub mod rows;
 pub use field::{FieldTable, FieldTableMut};
 pub use layout::{Block, LayoutError, Section, blocks_for, first_table};
 pub use plan::{PlanTable, PlanTableMut};
-pub use rows::{Row, Segment, SegmentRows, TableMemory};
+pub use rows::{Row, SampleSet, Segment, SegmentRows, TableMemory};

@@ -77,6 +77,7 @@ impl Default for SegmentRows {
 
 impl SegmentRows {
     /// Adds what the current row sees of the next patch.
+    #[inline]
     pub fn see(&mut self, patch: u32, bits: u32) {
         if bits != 0 {
             self.seen.push(SeenRow { patch, bits });
@@ -159,6 +160,7 @@ impl Segment {
     }
 
     /// What row `row` sees; nothing where there is no such row.
+    #[inline]
     pub fn row(&self, row: usize) -> &[SeenRow] {
         let starts = self.starts();
         let (Some(&start), Some(&end)) = (starts.get(row), starts.get(row + 1)) else { return &[] };
@@ -166,10 +168,12 @@ impl Segment {
     }
 
     /// What all rows see, one after another.
+    #[inline]
     pub fn seen(&self) -> &[SeenRow] {
         self.section(1)
     }
 
+    #[inline]
     fn starts(&self) -> &[u32] {
         self.section(0)
     }
@@ -194,14 +198,26 @@ impl<'a> Row<'a> {
     pub const NOTHING: Row<'static> = Row { seen: &[], patches: &[], samples: 0 };
 
     /// The samples that can be seen, in ascending order.
+    #[inline]
     pub fn samples(self) -> impl Iterator<Item = usize> + use<'a> {
+        self.samples_where(|_| u32::MAX)
+    }
+
+    /// Those of them that are in a set, in ascending order. Whoever looks for a few samples in many rows passes over whole patches.
+    #[inline]
+    pub fn samples_in<'s>(self, set: &'s SampleSet) -> impl Iterator<Item = usize> + use<'a, 's> {
+        self.samples_where(|first| set.bits_from(first))
+    }
+
+    /// `wanted` gives the samples that count of the 32 from a first one on.
+    #[inline]
+    fn samples_where<W: Fn(usize) -> u32>(self, wanted: W) -> impl Iterator<Item = usize> + use<'a, W> {
         let Row { seen, patches, samples } = self;
         // What a damaged table may say beyond the samples is passed over.
         seen.iter().flat_map(move |seen| {
             let first = patches.get(seen.patch as usize).map_or(samples, |first| *first as usize);
-            let rest = std::iter::successors(Some(seen.bits), |rest| Some(rest & rest.wrapping_sub(1)));
-            let of_patch = rest.take_while(|rest| *rest != 0).map(move |rest| first + rest.trailing_zeros() as usize);
-            of_patch.take_while(move |sample| *sample < samples)
+            let bits = if first < samples { seen.bits & wanted(first) } else { 0 };
+            ones(bits).map(move |b| first + b).take_while(move |sample| *sample < samples)
         })
     }
 
@@ -209,6 +225,48 @@ impl<'a> Row<'a> {
     pub fn sees(self, i: usize) -> bool {
         self.samples().any(|sample| sample == i)
     }
+}
+
+/// A set of samples, read as rows are: 32 that follow each other at a time.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SampleSet {
+    /// One word more than the samples need, so that 32 bits can be read from the last one on.
+    words: Vec<u64>,
+}
+
+impl SampleSet {
+    /// None of so many samples.
+    pub fn none_of(samples: usize) -> Self {
+        Self { words: vec![0; samples / 64 + 2] }
+    }
+
+    pub fn insert(&mut self, i: usize) {
+        self.words[i / 64] |= 1 << (i % 64);
+    }
+
+    pub fn remove(&mut self, i: usize) {
+        self.words[i / 64] &= !(1 << (i % 64));
+    }
+
+    #[inline]
+    pub fn contains(&self, i: usize) -> bool {
+        self.words[i / 64] >> (i % 64) & 1 == 1
+    }
+
+    /// Bit `b` says whether the sample `b` places after `first` is in the set.
+    #[inline]
+    pub fn bits_from(&self, first: usize) -> u32 {
+        let (word, shift) = (first / 64, first % 64);
+        ((u128::from(self.words[word + 1]) << 64 | u128::from(self.words[word])) >> shift) as u32
+    }
+}
+
+/// The places of the bits that are set.
+#[inline]
+pub fn ones(bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::successors(Some(bits), |rest| Some(rest & rest.wrapping_sub(1)))
+        .take_while(|rest| *rest != 0)
+        .map(|rest| rest.trailing_zeros() as usize)
 }
 
 #[cfg(test)]
@@ -258,6 +316,12 @@ mod tests {
             let expected: Vec<usize> = (0..340).filter(|&i| is_set(i)).collect();
             prop_assert_eq!(row_of.samples().collect::<Vec<_>>(), expected.clone());
             prop_assert!((0..400).all(|i| row_of.sees(i) == expected.contains(&i)));
+            let mut set = SampleSet::none_of(340);
+            (0..340).filter(|i| i % 3 != 1).for_each(|i| set.insert(i));
+            (0..340).filter(|i| i % 5 == 0).for_each(|i| set.remove(i));
+            let is_in = |i: &usize| i % 3 != 1 && i % 5 != 0;
+            prop_assert!((0..340).all(|i| set.contains(i) == is_in(&i)));
+            prop_assert_eq!(row_of.samples_in(&set).collect::<Vec<_>>(), expected.into_iter().filter(is_in).collect::<Vec<_>>());
         }
 
         #[test]

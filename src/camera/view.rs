@@ -24,7 +24,12 @@ impl View {
 
     /// Whether the target lies within the frustum.
     pub fn frames(&self, target: &Point3<f64>) -> bool {
-        let to_target = target - self.position;
+        self.frames_towards(&(target - self.position))
+    }
+
+    /// Whether a target lies within the frustum that is so far from its apex, m: also for a view like this one from elsewhere.
+    #[inline]
+    pub fn frames_towards(&self, to_target: &Vector3<f64>) -> bool {
         let depth = to_target.dot(&self.forward);
         to_target.dot(&self.right).abs() <= depth && to_target.dot(&self.up).abs() <= depth
     }

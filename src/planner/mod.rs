@@ -105,7 +105,10 @@ pub fn replan(
     let wanted = Wanted { most_apart_m: *most_apart_m, ..wanted };
     let sight_m = wanted.sight_m(rig, snapshot.disks.range_m());
     let reach = record.as_ref().and_then(|record| record.reach_before(snapshot, rig, sight_m));
-    let problem = Problem::after(snapshot, settings, rig.clone(), &wanted, reach);
+    let problem = Problem::after(snapshot, settings, rig.clone(), &wanted, reach, stop);
+    if stop.is_abandoned() {
+        return Err(PlanError::Abandoned);
+    }
     if problem.capturable == 0 {
         let (range_m, ceiling_m) = (problem.disks.range_m(), settings.flight.legal_ceiling_m);
         return Err(PlanError::NothingCapturable { rig: rig.name.clone(), range_m, ceiling_m });

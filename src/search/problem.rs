@@ -19,6 +19,7 @@ use crate::field::Lookup;
 use crate::field::Snapshot;
 use crate::scene::free_space::FreeSpace;
 use crate::settings::{CoverageSettings, SearchSettings, Settings};
+use crate::stop::StopToken;
 
 /// Why a search could not start or go on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -115,11 +116,18 @@ impl<'a> Problem<'a> {
 
     /// The problem in which only what is wanted counts. Samples outside of the region have a ceiling of no cells.
     pub fn wanted(snapshot: &'a Snapshot, settings: &Settings, rig: Rig, wanted: &Wanted) -> Self {
-        Self::after(snapshot, settings, rig, wanted, None)
+        Self::after(snapshot, settings, rig, wanted, None, &StopToken::default())
     }
 
-    /// The same after an edit, with what the rig could reach in the field before if that is known.
-    pub fn after(snapshot: &'a Snapshot, settings: &Settings, rig: Rig, wanted: &Wanted, before: Option<&Reach>) -> Self {
+    /// The same after an edit, with what the rig could reach in the field before if that is known. Of an abandoned search the problem is not to be used.
+    pub fn after(
+        snapshot: &'a Snapshot,
+        settings: &Settings,
+        rig: Rig,
+        wanted: &Wanted,
+        before: Option<&Reach>,
+        stop: &StopToken,
+    ) -> Self {
         let field = snapshot.field();
         let threshold = field.facts.threshold_cells;
         let frames = frames(&field);
@@ -131,7 +139,7 @@ impl<'a> Problem<'a> {
         };
         let matching = Matching::new(&settings.quality);
         let is_shorter = disks.range_m() < snapshot.disks.range_m();
-        let seeing = Seeing { field: &field, rig: &rig, frames: &frames, disks: &disks, is_shorter, matching: &matching };
+        let seeing = Seeing { field: &field, rig: &rig, frames: &frames, disks: &disks, is_shorter, matching: &matching, stop };
         let reach = match before.zip(snapshot.changes()) {
             Some((before, changes)) => before.after(&seeing, changes),
             None => Reach::new(&seeing),
@@ -384,7 +392,7 @@ fn is_matched(matching: &Matching, views: &[captured::View]) -> bool {
     matched.matched() >= matching.least_views
 }
 
-pub(super) fn is_framed(frusta: Option<&[View]>, target: &Point3<f64>) -> bool {
+fn is_framed(frusta: Option<&[View]>, target: &Point3<f64>) -> bool {
     frusta.is_none_or(|views| views.iter().any(|view| view.frames(target)))
 }
 

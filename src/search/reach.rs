@@ -1,14 +1,14 @@
 //! What a rig can reach of each sample at all, by its views from all viewpoints together.
 
-use nalgebra::Point3;
-use overfly_table::{FieldTable, SampleSet};
+use nalgebra::{Point3, Vector3};
+use overfly_table::{FieldTable, Row, SampleSet};
 use rayon::prelude::*;
 
-use super::problem::is_framed;
 use crate::camera::{Pose, Rig, View};
 use crate::coverage::{Bearing, DiskModel, Mask, MatchedViews, Matching, SampleFrame};
 use crate::field::Changes;
 use crate::scene::Bounds;
+use crate::stop::StopToken;
 
 /// What counts as seen and as matched.
 #[derive(Clone, Copy)]
@@ -20,6 +20,7 @@ pub struct Seeing<'a> {
     /// The disks reach less far than the field's.
     pub is_shorter: bool,
     pub matching: &'a Matching,
+    pub stop: &'a StopToken,
 }
 
 /// By sample, what no flight can exceed.
@@ -43,6 +44,7 @@ impl Seeing<'_> {
     }
 }
 
+/// Nobody looks at what comes of it once it is abandoned.
 impl Reach {
     pub fn new(seeing: &Seeing) -> Self {
         Self { ceilings: ceilings(seeing, None), is_matchable: matchable(seeing, None) }
@@ -66,19 +68,17 @@ impl Reach {
 /// that is given. For a rig that sees in all directions this is a section of the field; for others the frustum is a further test on the same
 /// visibility bits (section 5.4).
 fn ceilings(seeing: &Seeing, only: Option<&SampleSet>) -> Vec<u16> {
-    let Seeing { field, rig, frames, disks, is_shorter, .. } = *seeing;
-    let directions = rig.pose_directions();
-    let sees_all = directions == [None];
-    if sees_all && !is_shorter {
+    let Seeing { field, rig, frames, disks, is_shorter, stop, .. } = *seeing;
+    let views = Views::of(rig);
+    if views.0.is_none() && !is_shorter {
         return field.ceilings.to_vec();
     }
     let nothing = || vec![0 as Mask; frames.len()];
     let unions = seeing.viewpoints(only).into_par_iter().fold(nothing, |mut union, (j, position)| {
-        let row = field.row(j);
-        let mut here = None;
+        let row = if stop.is_abandoned() { Row::NOTHING } else { field.row(j) };
+        let mut latest = 0;
         let mut see = |i: usize| {
-            let views = here.get_or_insert_with(|| views(rig, position));
-            if sees_all || is_framed(Some(views), &frames[i].position) {
+            if views.frame(&(frames[i].position - position), &mut latest) {
                 union[i] |= disks.mask(&frames[i], &position);
             }
         };
@@ -97,7 +97,7 @@ fn ceilings(seeing: &Seeing, only: Option<&SampleSet>) -> Vec<u16> {
 
 /// Which samples the rig's views from the viewpoints give enough matched views; none beyond `only` where that is given.
 fn matchable(seeing: &Seeing, only: Option<&SampleSet>) -> Vec<bool> {
-    let Seeing { field, rig, frames, disks, matching, .. } = *seeing;
+    let Seeing { field, rig, frames, disks, matching, stop, .. } = *seeing;
     let mut samples = vec![MatchedViews::default(); frames.len()];
     let all = || {
         let mut all = SampleSet::none_of(frames.len());
@@ -106,17 +106,13 @@ fn matchable(seeing: &Seeing, only: Option<&SampleSet>) -> Vec<bool> {
     };
     let mut open = only.map_or_else(all, SampleSet::clone);
     let most_tried = MOST_TRIED_VIEWS.max(4 * matching.least_views as usize);
-    let mut seen = Vec::new();
-    for (j, position) in seeing.viewpoints(only) {
+    let (views, mut latest, mut seen) = (Views::of(rig), 0, Vec::new());
+    for (j, position) in seeing.viewpoints(only).into_iter().take_while(|_| !stop.is_abandoned()) {
         seen.clear();
         seen.extend(field.row(j).samples_in(&open));
-        if seen.is_empty() {
-            continue;
-        }
-        let views = views(rig, position);
         for &i in &seen {
             let frame = &frames[i];
-            if (views.is_empty() || is_framed(Some(&views), &frame.position)) && disks.faces(frame, &position) {
+            if views.frame(&(frame.position - position), &mut latest) && disks.faces(frame, &position) {
                 samples[i].add(matching, Bearing::new(&frame.position, &position));
                 if samples[i].matched() >= matching.least_views || samples[i].len() >= most_tried {
                     open.remove(i);
@@ -127,9 +123,24 @@ fn matchable(seeing: &Seeing, only: Option<&SampleSet>) -> Vec<bool> {
     samples.iter().map(|views| views.matched() >= matching.least_views).collect()
 }
 
-/// The frusta of a rig at a place, in all directions that it can take; none for one that sees in all directions.
-fn views(rig: &Rig, position: Point3<f64>) -> Vec<View> {
-    rig.pose_directions().iter().filter_map(|&direction| rig.frusta(&Pose { position, direction })).flatten().collect()
+/// The frusta of a rig in all directions that it can take, wherever it is; `None` for one that sees in all directions.
+struct Views(Option<Vec<View>>);
+
+impl Views {
+    fn of(rig: &Rig) -> Self {
+        let frusta = |direction| rig.frusta(&Pose { position: Point3::origin(), direction });
+        let frusta: Option<Vec<_>> = rig.pose_directions().into_iter().map(frusta).collect();
+        Self(frusta.map(|frusta| frusta.into_iter().flatten().collect()))
+    }
+
+    /// Whether any of them frames a target that is so far away, m. Most targets are framed by the view that framed the one before: it is asked first.
+    fn frame(&self, to_target: &Vector3<f64>, latest: &mut usize) -> bool {
+        let Some(views) = &self.0 else { return true };
+        let frames = |k: &usize| views[*k].frames_towards(to_target);
+        let found = std::iter::once(*latest).chain(0..views.len()).find(frames);
+        *latest = found.unwrap_or(*latest);
+        found.is_some()
+    }
 }
 
 /// A sample with so many views, too few of which match, is given up; more where more are needed.

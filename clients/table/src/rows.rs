@@ -318,8 +318,8 @@ mod tests {
             prop_assert!((0..400).all(|i| row_of.sees(i) == expected.contains(&i)));
             let mut set = SampleSet::none_of(340);
             (0..340).filter(|i| i % 3 != 1).for_each(|i| set.insert(i));
-            (0..340).filter(|i| i % 5 == 0).for_each(|i| set.remove(i));
-            let is_in = |i: &usize| i % 3 != 1 && i % 5 != 0;
+            (0..340).filter(|i| i % 5 == 2).for_each(|i| set.remove(i));
+            let is_in = |i: &usize| i % 3 != 1 && i % 5 != 2;
             prop_assert!((0..340).all(|i| set.contains(i) == is_in(&i)));
             prop_assert_eq!(row_of.samples_in(&set).collect::<Vec<_>>(), expected.into_iter().filter(is_in).collect::<Vec<_>>());
         }

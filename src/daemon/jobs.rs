@@ -195,8 +195,7 @@ impl Workshop {
         let stop = &assignment.stop;
         // After most edits the field stands before anybody could read how far it has come, and whoever tells of it takes processor from it.
         let is_anew = matches!(source, FieldSource::Scene(..));
-        let is_told = || is_anew || started.elapsed() >= FIELD_NOTE_GAP;
-        if is_told() {
+        if is_anew {
             self.note(assignment, Stage::Survey, [0, 0]);
         }
         let (session, survey) = match source {
@@ -210,13 +209,14 @@ impl Workshop {
                 (*session, survey)
             }
         };
-        if is_told() {
+        let is_told = is_anew || started.elapsed() >= FIELD_NOTE_GAP;
+        if is_told {
             self.note(assignment, Stage::Field, [0, 0]);
         }
         let reserve = |count: usize| self.budget.reserve((count * Block::BYTES) as u64);
         let place = |count: usize, write: &dyn Fn(&mut [Block])| Ok(channel.segment(count, reserve(count)?, write)?);
         let build = || survey.build::<Failure>(&place, stop);
-        let findings = if is_told() { self.tell_while(assignment, build) } else { build() }?;
+        let findings = if is_told { self.tell_while(assignment, build) } else { build() }?;
         let count = findings.blocks();
         let filled = channel.fill(count, reserve(count)?, |blocks| findings.write(blocks))?;
         if stop.is_stopped() {

@@ -6,6 +6,7 @@
 
 mod build;
 mod lookup;
+mod lost;
 mod rows;
 mod survey;
 mod tiles;

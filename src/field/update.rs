@@ -5,15 +5,15 @@
 //! was blocked. What results equals a field that is built anew,
 //! bit for bit (`tests/field_is_exact.rs`).
 
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use nalgebra::Point3;
 use overfly_table::rows::{PATCH, SeenRow, ones};
-use overfly_table::{FieldTable, SampleSet, Segment, SegmentRows};
+use overfly_table::{FieldTable, Segment, SegmentRows};
 use rayon::prelude::*;
 
 use super::build::{FieldInputs, SLACK_M};
+use super::lost::{self, Rows};
 use super::rows::{Group, Place, Targets, Visibility, write};
 use super::survey::FieldError;
 use super::tiles::{Reach, RowBits, Tile};
@@ -60,8 +60,6 @@ struct Update<'a> {
     earlier: &'a Earlier<'a>,
     targets: Targets,
     groups: Vec<Group>,
-    /// Boxes of structures some of whose samples are not as before.
-    renewed: Vec<Bounds>,
     /// By earlier sample: its place now; `NOWHERE` where its structure is no more.
     now: Vec<u32>,
     /// By sample: whether it is as before.
@@ -73,15 +71,6 @@ struct Update<'a> {
 }
 
 const NOWHERE: u32 = u32::MAX;
-
-/// The rows of all tiles, with the first samples of their patches.
-struct Rows<'r> {
-    tiles: &'r [Tile],
-    segments: &'r [Segment],
-    patches: &'r [Vec<u32>],
-    /// Whether a tile is as it was before.
-    is_kept: &'r [bool],
-}
 
 /// A patch of an earlier segment: its patch in the reach, and which of its samples are as before.
 #[derive(Clone, Copy)]
@@ -114,20 +103,17 @@ struct Work<'a> {
     /// Boxes within reach in which something stood, and stands now.
     gone: Vec<Bounds>,
     come: Vec<Bounds>,
-    /// The groups of the reach some of whose samples are not as before.
-    renewed: Vec<Suspect>,
-    /// Those and the groups to which a line of sight may lead over what changed.
+    /// The groups of the reach some of whose samples are not as before, and those to which a line of sight may lead over what changed.
     suspects: Vec<Suspect>,
     /// By patch of the earlier segment.
     moved: Vec<Moved>,
 }
 
 impl Work<'_> {
-    /// Whether nothing within reach of a viewpoint has changed.
+    /// Whether nothing within reach of a viewpoint has come or gone. So no sample that it sees or could see is exposed otherwise than before: what is put in
+    /// front of it, or taken away, is no farther from it than its line of sight ends.
     fn is_far_from(&self, view: &Point3<f64>, reach_m: f64) -> bool {
-        let is_near = |bounds: &Bounds| bounds.distance_squared(view) <= reach_m * reach_m;
-        let is_renewed = |suspect: &Suspect| is_near(&self.reach.groups[suspect.number].0.bounds);
-        !self.gone.iter().chain(&self.come).any(is_near) && !self.renewed.iter().any(is_renewed)
+        !self.gone.iter().chain(&self.come).any(|bounds| bounds.distance_squared(view) <= reach_m * reach_m)
     }
 
     /// Adds a row that is as before: what is kept keeps its order.
@@ -180,14 +166,12 @@ impl<'a> Update<'a> {
         }
         let grown = |boxes: &[Bounds]| boxes.iter().map(|bounds| bounds.grown(SLACK_M)).collect();
         let groups = Group::all(inputs);
-        let is_renewed = |group: &&Group| !is_kept[group.samples.clone()].iter().all(|is_kept| *is_kept);
         let nothing = || vec![0; samples.len()];
         Self {
             inputs,
             cells,
             earlier,
             targets: Targets::new(inputs),
-            renewed: groups.iter().filter(is_renewed).map(|group| group.bounds).collect(),
             groups,
             now: now_of,
             is_kept,
@@ -201,7 +185,7 @@ impl<'a> Update<'a> {
     /// Whether nothing that the viewpoints of a tile may see, and nothing that may stand between, has changed since it was earlier tile `old`.
     fn is_as_before(&self, tile: &Tile, old: usize) -> bool {
         let grown = tile.bounds.grown(self.inputs.reach_m());
-        let mut changed = self.gone.iter().chain(&self.come).chain(&self.renewed);
+        let mut changed = self.gone.iter().chain(&self.come);
         let before = &self.earlier.tiles[old].viewpoints;
         let same_cells = || {
             let pairs = tile.viewpoints.iter().zip(before);
@@ -271,10 +255,9 @@ impl<'a> Update<'a> {
             (is_renewed || gone.iter().chain(&come).any(may_change)).then_some(Suspect { number, is_renewed })
         };
         let suspects: Vec<Suspect> = reach.groups.iter().enumerate().filter_map(suspect).collect();
-        let renewed = suspects.iter().copied().filter(|suspect| suspect.is_renewed).collect();
         let moved = moved.unwrap_or_default();
         let (gained, lost) = (reach.masks(), reach.masks());
-        Work { is_touched: vec![false; gained.len()], gained, lost, gone, come, renewed, suspects, moved, reach }
+        Work { is_touched: vec![false; gained.len()], gained, lost, gone, come, suspects, moved, reach }
     }
 
     /// The patch that began at the earlier sample `first`.
@@ -305,7 +288,7 @@ impl<'a> Update<'a> {
 
     /// The row of a viewpoint, which may have been there before.
     fn fill_row(&self, view: &Point3<f64>, before: Option<Before>, bits: &mut RowBits, work: &mut Work) {
-        let Work { reach, gained, lost, is_touched, gone, come, renewed, suspects, moved } = work;
+        let Work { reach, gained, lost, is_touched, gone, come, suspects, moved } = work;
         let mask = |i: usize| self.inputs.disks.mask(&self.targets.frames[i], view);
         let Some(before) = before else {
             self.targets.seen_from(self.inputs, reach, view, |i, patch, offset| {
@@ -323,9 +306,7 @@ impl<'a> Update<'a> {
         let in_range = |bounds: &Bounds| bounds.distance_squared(view) <= reach_m * reach_m;
         let near = |boxes: &[Bounds]| boxes.iter().copied().filter(in_range).collect::<Vec<_>>();
         let (gone, come) = (near(gone), near(come));
-        // Far from every change only samples that are not as before have to be looked at.
-        let suspects = if gone.is_empty() && come.is_empty() { &*renewed } else { &*suspects };
-        for &Suspect { number, is_renewed } in suspects {
+        for &Suspect { number, is_renewed } in &*suspects {
             let (group, patch) = reach.groups[number];
             if !in_range(&group.bounds) {
                 continue;
@@ -377,7 +358,7 @@ impl<'a> Update<'a> {
     fn unions(&self, rows: &Rows) -> Vec<Mask> {
         let Found { gained, lost, .. } = &*self.lock();
         let in_doubt: Vec<Mask> = lost.iter().zip(gained).map(|(lost, gained)| lost & !gained).collect();
-        let covered = self.covered(&in_doubt, rows);
+        let covered = lost::covered(&in_doubt, rows, self.inputs, &self.targets);
         let mut unions = gained.clone();
         for (&now, before) in self.now.iter().zip(self.earlier.unions).filter(|(now, _)| **now != NOWHERE) {
             let i = now as usize;
@@ -386,46 +367,6 @@ impl<'a> Update<'a> {
             }
         }
         unions
-    }
-
-    /// Of cells by sample those that some viewpoint covers. Whoever finds the last of a sample's cells spares all others the look at it, and most of them are
-    /// found where the edit was.
-    fn covered(&self, cells: &[Mask], rows: &Rows) -> Vec<Mask> {
-        let halves = |mask: Mask| [mask as u64, (mask >> 64) as u64];
-        let missing: Vec<[AtomicU64; 2]> = cells.iter().map(|&cells| halves(cells).map(AtomicU64::new)).collect();
-        let is_missing = |i: usize| missing[i].iter().any(|half| half.load(Ordering::Relaxed) != 0);
-        for is_far in [false, true] {
-            let mut asked = SampleSet::none_of(cells.len());
-            (0..cells.len()).filter(|&i| is_missing(i)).for_each(|i| asked.insert(i));
-            let ask_tile = |tile: usize| {
-                let patches = &rows.patches[tile];
-                let mut asked: Vec<u32> = patches.iter().map(|&first| asked.bits_from(first as usize)).collect();
-                if asked.iter().all(|bits| *bits == 0) {
-                    return;
-                }
-                for (row, &j) in rows.tiles[tile].viewpoints.iter().enumerate() {
-                    let view = &self.inputs.viewpoints[j as usize].position;
-                    for seen in rows.segments[tile].row(row) {
-                        let patch = seen.patch as usize;
-                        for b in ones(seen.bits & asked[patch]) {
-                            let i = patches[patch] as usize + b;
-                            if !is_missing(i) {
-                                asked[patch] &= !(1 << b);
-                                continue;
-                            }
-                            let found = halves(self.inputs.disks.mask(&self.targets.frames[i], view));
-                            missing[i].iter().zip(found).for_each(|(half, found)| {
-                                half.fetch_and(!found, Ordering::Relaxed);
-                            });
-                        }
-                    }
-                }
-            };
-            let tiles: Vec<usize> = (0..rows.tiles.len()).filter(|&tile| rows.is_kept[tile] == is_far).collect();
-            tiles.into_par_iter().with_max_len(1).for_each(ask_tile);
-        }
-        let left = missing.into_iter().map(|halves| halves.map(AtomicU64::into_inner));
-        left.zip(cells).map(|([low, high], cells)| cells & !(Mask::from(low) | Mask::from(high) << 64)).collect()
     }
 
     /// The samples beside those of the field before.

@@ -227,7 +227,7 @@ impl<'a> Row<'a> {
     }
 }
 
-/// A set of samples, read as rows are: 32 that follow each other at a time.
+/// A set of samples, read as rows are: 32 that follow each other at a time. All of its methods panic for samples beyond its size.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SampleSet {
     /// One word more than the samples need, so that 32 bits can be read from the last one on.
@@ -253,7 +253,7 @@ impl SampleSet {
         self.words[i / 64] >> (i % 64) & 1 == 1
     }
 
-    /// Bit `b` says whether the sample `b` places after `first` is in the set.
+    /// Bit `b` says whether the sample `b` places after `first` is in the set; beyond the last one none is.
     #[inline]
     pub fn bits_from(&self, first: usize) -> u32 {
         let (word, shift) = (first / 64, first % 64);

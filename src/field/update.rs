@@ -2,8 +2,7 @@
 //! viewpoints and samples that it can have changed. The other tiles keep their segments.
 //!
 //! A pair whose viewpoint and sample are as before can change only when its line of sight meets what has come, if it was free, or what has gone, if it
-//! was blocked. What results equals a field that is built anew,
-//! bit for bit (`tests/field_is_exact.rs`).
+//! was blocked. What results equals a field that is built anew, bit for bit (`tests/field_is_exact.rs`).
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -1,8 +1,9 @@
 //! Distances and lines of sight to the surfaces of a scene.
 //!
-//! The only user of parry3d: its bounding volume hierarchy finds the candidate triangles, [`super::distance`] decides. The boxes
+//! The only user of parry3d: its bounding volume hierarchies find the candidate triangles, [`super::distance`] decides. The boxes
 //! are single precision and a little too large, the decisions are double precision, so that every answer is exact and depends on
-//! the triangles alone, not on how the tree happens to be built.
+//! the triangles alone, not on how the tree happens to be built. What is only asked whether there is any is found in [`super::boxes`], which keeps the
+//! hierarchy's order.
 
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
@@ -14,6 +15,7 @@ use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode, TraversalAction};
 use rayon::prelude::*;
 
 use super::bounds::Bounds;
+use super::boxes::{Beam, Boxes};
 use super::differences::Differences;
 use super::distance::{point_triangle_squared, segment_hits_triangle, segment_triangle_squared};
 use super::proxy::{Scene, Structure, Triangle};
@@ -23,6 +25,7 @@ use super::proxy::{Scene, Structure, Triangle};
 #[derive(Debug)]
 pub struct Clearance {
     bvh: Bvh,
+    boxes: Boxes,
     /// By structure; shared with the scenes before and after an edit.
     bodies: Vec<Arc<Body>>,
     /// Bodies that have triangles, by the leaves of the hierarchy.
@@ -33,6 +36,7 @@ pub struct Clearance {
 #[derive(Debug)]
 struct Body {
     bvh: Bvh,
+    boxes: Boxes,
     triangles: Vec<Triangle>,
     is_ground: bool,
 }
@@ -70,25 +74,20 @@ impl Clearance {
 
     fn of_bodies(bodies: Vec<Arc<Body>>) -> Self {
         let leaves: Vec<usize> = (0..bodies.len()).filter(|&index| !bodies[index].triangles.is_empty()).collect();
-        let boxes: Vec<Aabb> = leaves.iter().map(|&index| bodies[index].bvh.root_aabb()).collect();
-        Self { bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), bodies, leaves }
+        let (bvh, boxes) = hierarchy(leaves.iter().map(|&index| bodies[index].bvh.root_aabb()).collect());
+        Self { bvh, boxes, bodies, leaves }
     }
 
     /// Whether a triangle lies between `a` and `b`, the end points excluded.
     pub fn occluded(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
         let direction = b - a;
-        let inverse = direction.map(|d| 1.0 / d);
-        self.any(|node| segment_meets_box(a, &inverse, node, 0.0), |triangle| segment_hits_triangle(a, &direction, triangle))
+        self.any(&Beam::new(a, b, 0.0), |triangle| segment_hits_triangle(a, &direction, triangle))
     }
 
     /// Whether the whole segment keeps at least `distance_m` from every triangle.
     pub fn keeps_distance(&self, a: &Point3<f64>, b: &Point3<f64>, distance_m: f64) -> bool {
-        let inverse = (b - a).map(|d| 1.0 / d);
         let squared = distance_m * distance_m;
-        !self.any(
-            |node| segment_meets_box(a, &inverse, node, distance_m),
-            |triangle| segment_triangle_squared(a, b, triangle) < squared,
-        )
+        !self.any(&Beam::new(a, b, distance_m), |triangle| segment_triangle_squared(a, b, triangle) < squared)
     }
 
     /// Distance of `p` to the nearest triangle, m; `cap_m` when that is farther.
@@ -140,10 +139,10 @@ impl Clearance {
         found
     }
 
-    fn any(&self, meets: impl Fn(&BvhNode) -> bool, hits: impl Fn(&Triangle) -> bool) -> bool {
-        any_leaf(&self.bvh, &meets, |leaf| {
+    fn any(&self, beam: &Beam, hits: impl Fn(&Triangle) -> bool) -> bool {
+        self.boxes.any(beam, |leaf| {
             let body = &self.bodies[self.leaves[leaf]];
-            any_leaf(&body.bvh, &meets, |triangle| hits(&body.triangles[triangle]))
+            body.boxes.any(beam, |triangle| hits(&body.triangles[triangle]))
         })
     }
 
@@ -225,9 +224,21 @@ impl Body {
     }
 
     fn new(triangles: Vec<Triangle>) -> Self {
-        let boxes: Vec<Aabb> = triangles.iter().map(outer_box).collect();
-        Self { bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles, is_ground: false }
+        let (bvh, boxes) = hierarchy(triangles.iter().map(outer_box).collect());
+        Self { bvh, boxes, triangles, is_ground: false }
     }
+}
+
+/// The hierarchy over some boxes, and the same boxes for those who only ask whether there is any.
+fn hierarchy(boxes: Vec<Aabb>) -> (Bvh, Boxes) {
+    let bvh = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
+    let order = RefCell::new(Vec::with_capacity(boxes.len()));
+    any_leaf(&bvh, &|_| true, |leaf| {
+        order.borrow_mut().push(leaf as u32);
+        false
+    });
+    let corners = |leaf: usize| [boxes[leaf].mins, boxes[leaf].maxs].map(|corner| [corner.x, corner.y, corner.z]);
+    (bvh, Boxes::new(order.into_inner(), corners))
 }
 
 /// Whether a leaf among the nodes that are met is what is looked for; ends with the first one.

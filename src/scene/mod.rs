@@ -45,6 +45,7 @@ pub mod update;
 
 pub mod degrade;
 
+mod boxes;
 pub mod clearance;
 mod distance;
 pub mod free_space;

@@ -11,10 +11,11 @@ use overfly_table::field::FieldFacts;
 
 use crate::coverage::{CELLS, DiskModel, threshold_cells};
 use crate::field::{self, Lattice, Outlines, Site};
+use crate::scene::Scene;
 use crate::scene::differences::Differences;
 use crate::scene::edit::{DirtyRegion, Edit, EditError};
 use crate::scene::free_space::FreeSpace;
-use crate::scene::{Bounds, Scene};
+use crate::scene::terrain::Terrain;
 use crate::settings::Settings;
 use crate::stop::StopToken;
 use crate::surface::{self, Sample, Sampler, Samples, Sampling};
@@ -130,9 +131,9 @@ impl Session {
         Ok(Survey {
             scene: Arc::clone(&self.scene),
             revision: self.revision,
-            counts: field::counts(&self.scene, &outlines, samples.len(), reached.len()),
+            counts: field::counts(&self.scene, &outlines, &free, samples.len(), reached.len()),
             outlines,
-            facts: self.facts(free.bounds),
+            facts: self.facts(&free),
             offset_m: self.sampler.sampling().offset_m,
             disks: Arc::clone(&self.disks),
             free: Arc::new(free),
@@ -144,8 +145,8 @@ impl Session {
         })
     }
 
-    fn facts(&self, bounds: Option<Bounds>) -> FieldFacts {
-        let [min, max] = bounds.map_or([[0.0; 3]; 2], |b| [b.min.coords.into(), b.max.coords.into()]);
+    fn facts(&self, free: &FreeSpace) -> FieldFacts {
+        let [min, max] = free.bounds.map_or([[0.0; 3]; 2], |b| [b.min.coords.into(), b.max.coords.into()]);
         let origin = self.scene.frame.origin;
         FieldFacts {
             revision: self.revision,
@@ -163,6 +164,10 @@ impl Session {
             origin_lon_deg: origin.map_or(0.0, |o| o.lon_deg),
             origin_alt_m: origin.map_or(0.0, |o| o.alt_m),
             georeferenced: u64::from(origin.is_some()),
+            legal_ceiling_m: self.settings.flight.legal_ceiling_m,
+            ground_origin_m: free.terrain().map_or([0.0; 2], Terrain::origin_m),
+            ground_cell_m: free.terrain().map_or(0.0, Terrain::cell_m),
+            ground_corners: free.terrain().map_or([0; 2], |terrain| terrain.corners().map(|corners| corners as u32)),
         }
     }
 }

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use geo::Coord;
-use overfly_table::field::{FieldCounts, FieldFacts, RingRow, SampleRow, StructureRow, TileRow, ViewpointRow};
+use geo::orient::Direction;
+use geo::{Coord, LineString, MultiPolygon, Orient};
+use overfly_table::field::{FieldCounts, FieldFacts, RingRow, SampleRow, StructureRow, TileRow, ViewpointRow, ZoneRow};
 use overfly_table::{Block, FieldTableMut};
 use rayon::prelude::*;
 
@@ -13,7 +14,7 @@ use super::viewpoints::Viewpoint;
 use crate::coverage::DiskModel;
 use crate::scene::differences::Differences;
 use crate::scene::free_space::FreeSpace;
-use crate::scene::{Bounds, Scene, Structure};
+use crate::scene::{Bounds, NoFlyZone, Scene, Structure};
 use crate::surface::Samples;
 
 /// What the field of one revision is built from.
@@ -66,8 +67,10 @@ impl Outlines {
 }
 
 /// The size of the field's table, without tiles and patches.
-pub fn counts(scene: &Scene, outlines: &Outlines, samples: usize, viewpoints: usize) -> FieldCounts {
-    let rings = || outlines.0.iter().flat_map(|rings| rings.iter());
+pub fn counts(scene: &Scene, outlines: &Outlines, free: &FreeSpace, samples: usize, viewpoints: usize) -> FieldCounts {
+    let zones: Vec<Vec<Vec<Coord>>> = free.zones().iter().map(zone_rings).collect();
+    let rings = || outlines.0.iter().flat_map(|rings| rings.iter()).chain(zones.iter().flatten());
+    let names = scene.structures.iter().map(|structure| &structure.name).chain(free.zones().iter().map(|zone| &zone.name));
     FieldCounts {
         samples,
         viewpoints,
@@ -76,14 +79,16 @@ pub fn counts(scene: &Scene, outlines: &Outlines, samples: usize, viewpoints: us
         structures: scene.structures.len(),
         rings: rings().count(),
         points: rings().map(Vec::len).sum(),
-        name_bytes: scene.structures.iter().map(|structure| structure.name.len()).sum(),
+        name_bytes: names.map(String::len).sum(),
+        zones: zones.len(),
+        ground: free.terrain().map_or(0, |terrain| terrain.heights_m().len()),
     }
 }
 
 /// Writes the field's table into `blocks`, which are zero and as many as `counts` says; the segments are written already.
 pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], visibility: &Visibility, blocks: &mut [Block]) {
     let mut table = FieldTableMut::create(blocks, counts, inputs.facts);
-    write_structures(inputs, &mut table);
+    write_scene(inputs, &mut table);
     for (row, sample) in table.samples.iter_mut().zip(&inputs.samples.samples) {
         *row = SampleRow {
             position_m: sample.position.coords.into(),
@@ -116,36 +121,74 @@ pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], v
     }
 }
 
-fn write_structures(inputs: &FieldInputs, table: &mut FieldTableMut) {
-    let (mut ring, mut point, mut name_byte) = (0, 0, 0);
+/// Writes structures, zones and ground, with their outlines and names.
+fn write_scene(inputs: &FieldInputs, table: &mut FieldTableMut) {
+    let FieldTableMut { structures, zones, rings, points, names, ground_m, .. } = table;
+    let mut drawn = Drawn { rings, points, names, ring: 0, point: 0, name_byte: 0 };
     let bounds = inputs.free.structure_bounds();
-    for (index, (row, structure)) in table.structures.iter_mut().zip(&inputs.scene.structures).enumerate() {
-        let outlines = &inputs.outlines.0[index];
-        let name = structure.name.as_bytes();
+    for (index, (row, structure)) in structures.iter_mut().zip(&inputs.scene.structures).enumerate() {
         let samples = inputs.samples.range(index);
-        *row =
-            structure_row(structure, &bounds[index], [samples.start, samples.len(), ring, outlines.len(), name_byte, name.len()]);
-        for outline in outlines.iter() {
-            table.rings[ring] = RingRow { first_point: point as u32, points: outline.len() as u32 };
-            for &Coord { x, y } in outline {
-                table.points[point] = [x, y];
-                point += 1;
+        let (rings, name) = drawn.add(&inputs.outlines.0[index], &structure.name);
+        *row = structure_row(structure, &bounds[index], [samples.start as u32, samples.len() as u32], rings, name);
+    }
+    for (row, zone) in zones.iter_mut().zip(inputs.free.zones()) {
+        let ([first_ring, rings], [first_name_byte, name_bytes]) = drawn.add(&zone_rings(zone), &zone.name);
+        let NoFlyZone { floor_m, ceiling_m, .. } = *zone;
+        *row = ZoneRow { floor_m, ceiling_m, first_ring, rings, first_name_byte, name_bytes };
+    }
+    if let Some(terrain) = inputs.free.terrain() {
+        ground_m.copy_from_slice(terrain.heights_m());
+    }
+}
+
+/// The sections for outlines and names, with how far they are written.
+struct Drawn<'t> {
+    rings: &'t mut [RingRow],
+    points: &'t mut [[f64; 2]],
+    names: &'t mut [u8],
+    ring: usize,
+    point: usize,
+    name_byte: usize,
+}
+
+impl Drawn<'_> {
+    /// Writes an outline and a name; where both begin and how long they are.
+    fn add(&mut self, outline: &[Vec<Coord>], name: &str) -> ([u32; 2], [u32; 2]) {
+        let places = ([self.ring as u32, outline.len() as u32], [self.name_byte as u32, name.len() as u32]);
+        for ring in outline {
+            self.rings[self.ring] = RingRow { first_point: self.point as u32, points: ring.len() as u32 };
+            for (point, &Coord { x, y }) in self.points[self.point..].iter_mut().zip(ring) {
+                *point = [x, y];
             }
-            ring += 1;
+            (self.ring, self.point) = (self.ring + 1, self.point + ring.len());
         }
-        table.names[name_byte..name_byte + name.len()].copy_from_slice(name);
-        name_byte += name.len();
+        self.names[self.name_byte..][..name.len()].copy_from_slice(name.as_bytes());
+        self.name_byte += name.len();
+        places
     }
 }
 
 fn rings(structure: &Structure) -> Vec<Vec<Coord>> {
-    let open = |ring: &geo::LineString| ring.0[..ring.0.len().saturating_sub(1)].to_vec();
-    let outlines = structure.outlines();
+    open_rings(&structure.outlines())
+}
+
+fn zone_rings(zone: &NoFlyZone) -> Vec<Vec<Coord>> {
+    open_rings(&zone.outline.orient(Direction::Default))
+}
+
+/// Exteriors, each before its holes, without the repeated last corner.
+fn open_rings(outlines: &MultiPolygon) -> Vec<Vec<Coord>> {
+    let open = |ring: &LineString| ring.0[..ring.0.len().saturating_sub(1)].to_vec();
     outlines.iter().flat_map(|polygon| std::iter::once(polygon.exterior()).chain(polygon.interiors()).map(open)).collect()
 }
 
-fn structure_row(structure: &Structure, bounds: &Bounds, places: [usize; 6]) -> StructureRow {
-    let [first_sample, samples, first_ring, rings, first_name_byte, name_bytes] = places.map(|v| v as u32);
+fn structure_row(
+    structure: &Structure,
+    bounds: &Bounds,
+    [first_sample, samples]: [u32; 2],
+    [first_ring, rings]: [u32; 2],
+    [first_name_byte, name_bytes]: [u32; 2],
+) -> StructureRow {
     StructureRow {
         id: structure.id.0,
         base_m: bounds.min.z,

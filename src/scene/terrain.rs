@@ -47,6 +47,21 @@ impl Terrain {
         self.cell_m
     }
 
+    /// The south-west corner, m.
+    pub fn origin_m(&self) -> [f64; 2] {
+        self.origin
+    }
+
+    /// Corners from west to east and from south to north.
+    pub fn corners(&self) -> [usize; 2] {
+        self.corners
+    }
+
+    /// Heights of all corners above the plane z = 0, m: rows from the south, in each from the west.
+    pub fn heights_m(&self) -> &[f64] {
+        &self.heights_m
+    }
+
     /// The lowest and the highest place of the ground, m.
     pub fn range_m(&self) -> [f64; 2] {
         [self.lowest_m, self.highest_m]

@@ -54,13 +54,11 @@ pub fn field(buildings: &[Building]) -> Vec<Block> {
     let all_rings = || buildings.iter().flat_map(|building| &building.rings);
     let counts = FieldCounts {
         samples: samples.iter().map(Vec::len).sum(),
-        viewpoints: 0,
-        tiles: 0,
-        patches: 0,
         structures: buildings.len(),
         rings: all_rings().count(),
         points: all_rings().map(Vec::len).sum(),
         name_bytes: buildings.iter().map(|building| building.name.len()).sum(),
+        ..Default::default()
     };
     let mut facts = FieldFacts { revision: 1, hemisphere_cells: 128, threshold_cells: THRESHOLD_CELLS, ..Default::default() };
     facts.min_m = [f64::INFINITY, f64::INFINITY, 0.0];

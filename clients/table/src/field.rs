@@ -1,6 +1,8 @@
 //! The view information field as a table (paper, section 4.3 and Algorithm 1), with the outlines of the structures beside it. What can be seen
 //! from where lies in the segments that it names.
 
+use std::borrow::Cow;
+
 use bytemuck::{Pod, Zeroable};
 
 use crate::layout::{self, Block, LayoutError, Section};
@@ -8,7 +10,7 @@ use crate::rows::{Row, Segment};
 
 /// "OVFLYVIF" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYVIF");
-pub const SCHEMA: u32 = 2;
+pub const SCHEMA: u32 = 3;
 
 /// Size and pinned settings of a field. Everything that an update after an edit must not change stands here.
 #[repr(C)]
@@ -40,6 +42,13 @@ pub struct FieldFacts {
     pub origin_lon_deg: f64,
     pub origin_alt_m: f64,
     pub georeferenced: u64,
+    /// Flights stay this near above the ground by law, m.
+    pub legal_ceiling_m: f64,
+    /// South-west corner of the grid of the ground, and the edge of its cells, m; meaningless where the ground is flat.
+    pub ground_origin_m: [f64; 2],
+    pub ground_cell_m: f64,
+    /// Corners of that grid from west to east and from south to north; none where the ground is the plane z = 0.
+    pub ground_corners: [u32; 2],
 }
 
 /// A surface sample.
@@ -98,6 +107,19 @@ pub struct StructureRow {
     pub name_bytes: u32,
 }
 
+/// A no-fly zone: its name in the names section, its outline in the rings section. Over that no flight is between its heights above the ground.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ZoneRow {
+    pub floor_m: f64,
+    /// `f64::MAX` without an upper end.
+    pub ceiling_m: f64,
+    pub first_ring: u32,
+    pub rings: u32,
+    pub first_name_byte: u32,
+    pub name_bytes: u32,
+}
+
 /// A closed ring of an outline seen from above (exteriors counter-clockwise, holes clockwise; the first point is not repeated).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -120,6 +142,9 @@ pub struct FieldCounts {
     pub rings: usize,
     pub points: usize,
     pub name_bytes: usize,
+    pub zones: usize,
+    /// Corners of the ground's grid.
+    pub ground: usize,
 }
 
 #[repr(C)]
@@ -133,9 +158,9 @@ struct FieldHeader {
     sections: [Section; SECTIONS],
 }
 
-const SECTIONS: usize = 9;
+const SECTIONS: usize = 11;
 const NAMES: [&str; SECTIONS] =
-    ["samples", "ceilings", "viewpoints", "tiles", "patches", "structures", "rings", "points", "names"];
+    ["samples", "ceilings", "viewpoints", "tiles", "patches", "structures", "rings", "points", "names", "zones", "ground"];
 const ROW_BYTES: [usize; SECTIONS] = [
     size_of::<SampleRow>(),
     size_of::<u16>(),
@@ -146,6 +171,8 @@ const ROW_BYTES: [usize; SECTIONS] = [
     size_of::<RingRow>(),
     size_of::<PointRow>(),
     1,
+    size_of::<ZoneRow>(),
+    size_of::<f64>(),
 ];
 
 impl FieldCounts {
@@ -165,6 +192,8 @@ impl FieldCounts {
             self.rings,
             self.points,
             self.name_bytes,
+            self.zones,
+            self.ground,
         ];
         let mut rows = [(0, 0); SECTIONS];
         for (row, (count, bytes)) in rows.iter_mut().zip(counts.into_iter().zip(ROW_BYTES)) {
@@ -190,6 +219,10 @@ pub struct FieldTable<'a> {
     pub structures: &'a [StructureRow],
     pub rings: &'a [RingRow],
     pub points: &'a [PointRow],
+    pub zones: &'a [ZoneRow],
+    /// Heights of the ground above the plane z = 0 at the corners of its grid, m: rows from the south, in each from the west. Each cell is halved from its
+    /// south-west to its north-east corner.
+    pub ground_m: &'a [f64],
     names: &'a [u8],
     table_bytes: u64,
 }
@@ -216,7 +249,7 @@ impl<'a> FieldTable<'a> {
     /// may lead nowhere, and looking it up panics.
     pub fn open_again(blocks: &'a [Block], segments: &'a [Segment]) -> Result<Self, LayoutError> {
         let header = header(blocks)?;
-        let [samples, ceilings, viewpoints, tiles, patches, structures, rings, points, names] = header.sections;
+        let [samples, ceilings, viewpoints, tiles, patches, structures, rings, points, names, zones, ground] = header.sections;
         Ok(Self {
             facts: &header.facts,
             samples: layout::rows(blocks, samples, NAMES[0])?,
@@ -229,6 +262,8 @@ impl<'a> FieldTable<'a> {
             rings: layout::rows(blocks, rings, NAMES[6])?,
             points: layout::rows(blocks, points, NAMES[7])?,
             names: layout::rows(blocks, names, NAMES[8])?,
+            zones: layout::rows(blocks, zones, NAMES[9])?,
+            ground_m: layout::rows(blocks, ground, NAMES[10])?,
             table_bytes: header.total_bytes,
         })
     }
@@ -259,18 +294,33 @@ impl<'a> FieldTable<'a> {
     }
 
     /// The name of a structure; bytes that are not UTF-8 are replaced.
-    pub fn name(&self, structure: &StructureRow) -> std::borrow::Cow<'a, str> {
-        let start = structure.first_name_byte as usize;
-        String::from_utf8_lossy(&self.names[start..start + structure.name_bytes as usize])
+    pub fn name(&self, structure: &StructureRow) -> Cow<'a, str> {
+        self.text(structure.first_name_byte, structure.name_bytes)
     }
 
     /// The rings of a structure's outline.
     pub fn outline(&self, structure: &StructureRow) -> impl Iterator<Item = &'a [PointRow]> + use<'a> {
-        let (rings, points) = (self.rings, self.points);
-        let start = structure.first_ring as usize;
-        rings[start..start + structure.rings as usize]
-            .iter()
-            .map(move |ring| &points[ring.first_point as usize..(ring.first_point + ring.points) as usize])
+        self.rings_of(structure.first_ring, structure.rings)
+    }
+
+    /// The name of a zone; bytes that are not UTF-8 are replaced.
+    pub fn zone_name(&self, zone: &ZoneRow) -> Cow<'a, str> {
+        self.text(zone.first_name_byte, zone.name_bytes)
+    }
+
+    /// The rings of a zone's outline.
+    pub fn zone_outline(&self, zone: &ZoneRow) -> impl Iterator<Item = &'a [PointRow]> + use<'a> {
+        self.rings_of(zone.first_ring, zone.rings)
+    }
+
+    fn text(&self, first_byte: u32, bytes: u32) -> Cow<'a, str> {
+        String::from_utf8_lossy(&self.names[first_byte as usize..][..bytes as usize])
+    }
+
+    fn rings_of(&self, first: u32, count: u32) -> impl Iterator<Item = &'a [PointRow]> + use<'a> {
+        let points = self.points;
+        let rings = &self.rings[first as usize..][..count as usize];
+        rings.iter().map(move |ring| &points[ring.first_point as usize..][..ring.points as usize])
     }
 
     fn check_references(&self) -> Result<(), LayoutError> {
@@ -292,12 +342,21 @@ impl<'a> FieldTable<'a> {
         if !self.rings.iter().all(|ring| fits(ring.first_point, ring.points, self.points.len())) {
             return fault(6);
         }
+        let is_drawn = |rings: [u32; 2], name: [u32; 2]| {
+            fits(rings[0], rings[1], self.rings.len()) && fits(name[0], name[1], self.names.len())
+        };
         let sound = self.structures.iter().all(|row| {
             fits(row.first_sample, row.samples, self.samples.len())
-                && fits(row.first_ring, row.rings, self.rings.len())
-                && fits(row.first_name_byte, row.name_bytes, self.names.len())
+                && is_drawn([row.first_ring, row.rings], [row.first_name_byte, row.name_bytes])
         });
-        if sound { Ok(()) } else { fault(5) }
+        if !sound {
+            return fault(5);
+        }
+        if !self.zones.iter().all(|row| is_drawn([row.first_ring, row.rings], [row.first_name_byte, row.name_bytes])) {
+            return fault(9);
+        }
+        let [across, up] = self.facts.ground_corners.map(u64::from);
+        if across * up == self.ground_m.len() as u64 { Ok(()) } else { fault(10) }
     }
 
     fn check_segments(&self) -> Result<(), LayoutError> {
@@ -327,6 +386,8 @@ pub struct FieldTableMut<'a> {
     pub rings: &'a mut [RingRow],
     pub points: &'a mut [PointRow],
     pub names: &'a mut [u8],
+    pub zones: &'a mut [ZoneRow],
+    pub ground_m: &'a mut [f64],
 }
 
 impl<'a> FieldTableMut<'a> {
@@ -338,7 +399,7 @@ impl<'a> FieldTableMut<'a> {
         let header =
             FieldHeader { magic: MAGIC, schema: SCHEMA, header_bytes: header_bytes as u32, total_bytes, facts, sections };
         bytemuck::cast_slice_mut::<Block, u8>(blocks)[..header_bytes].copy_from_slice(bytemuck::bytes_of(&header));
-        let [samples, ceilings, viewpoints, tiles, patches, structures, rings, points, names] =
+        let [samples, ceilings, viewpoints, tiles, patches, structures, rings, points, names, zones, ground] =
             layout::split_mut(blocks, sections, ROW_BYTES);
         Self {
             samples: bytemuck::cast_slice_mut(samples),
@@ -350,6 +411,8 @@ impl<'a> FieldTableMut<'a> {
             rings: bytemuck::cast_slice_mut(rings),
             points: bytemuck::cast_slice_mut(points),
             names,
+            zones: bytemuck::cast_slice_mut(zones),
+            ground_m: bytemuck::cast_slice_mut(ground),
         }
     }
 }
@@ -365,10 +428,12 @@ mod tests {
 
     /// Two tiles of two viewpoints each over forty samples of one structure.
     fn field() -> (Vec<Block>, Vec<Segment>) {
-        let counts =
-            FieldCounts { samples: 40, viewpoints: 4, tiles: 2, patches: 3, structures: 1, rings: 1, points: 3, name_bytes: 5 };
+        let mut counts = FieldCounts { samples: 40, viewpoints: 4, tiles: 2, patches: 3, structures: 1, ..Default::default() };
+        (counts.rings, counts.points, counts.name_bytes, counts.zones, counts.ground) = (1, 3, 5, 1, 6);
         let mut blocks = vec![Block::ZERO; counts.blocks()];
-        let table = FieldTableMut::create(&mut blocks, &counts, FieldFacts::default());
+        let facts = FieldFacts { ground_corners: [3, 2], ground_cell_m: 10.0, ..Default::default() };
+        let table = FieldTableMut::create(&mut blocks, &counts, facts);
+        table.zones[0] = ZoneRow { rings: 1, first_name_byte: 2, name_bytes: 3, ..Default::default() };
         table.structures[0] = StructureRow { samples: 40, rings: 1, name_bytes: 5, ..Default::default() };
         table.rings[0] = RingRow { first_point: 0, points: 3 };
         table.names.copy_from_slice(b"tower");
@@ -398,6 +463,8 @@ mod tests {
         let seen = |j: usize| table.row(j).samples().collect::<Vec<_>>();
         assert_eq!([seen(0), seen(1), seen(2), seen(3)], [vec![0, 2, 32], vec![], vec![], vec![32, 39]]);
         assert_eq!(tiles(&blocks).unwrap(), table.tiles);
+        assert_eq!([table.name(&table.structures[0]), table.zone_name(&table.zones[0])], ["tower", "wer"]);
+        assert_eq!((table.zone_outline(&table.zones[0]).map(<[PointRow]>::len).sum::<usize>(), table.ground_m.len()), (3, 6));
     }
 
     #[test]
@@ -434,6 +501,9 @@ mod tests {
                 }
                 for structure in table.structures {
                     let _ = (table.name(structure), table.outline(structure).map(<[PointRow]>::len).sum::<usize>());
+                }
+                for zone in table.zones {
+                    let _ = (table.zone_name(zone), table.zone_outline(zone).map(<[PointRow]>::len).sum::<usize>());
                 }
             }
         }

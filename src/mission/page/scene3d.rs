@@ -13,7 +13,8 @@ use serde::Serialize;
 use super::bytes::Packed;
 use crate::frame::Geodetic;
 use crate::scene::free_space::FreeSpace;
-use crate::scene::{Bounds, NoFlyZone, Scene, Shape, Structure, StructureId, TERRAIN_NAME, Triangle};
+use crate::scene::terrain::Terrain;
+use crate::scene::{Bounds, NoFlyZone, Scene, Shape, Structure, StructureId, TERRAIN_NAME, Triangle, ZoneSource};
 
 /// So far around the structures the ground is drawn where it is not flat, m.
 const GROUND_MARGIN_M: f64 = 250.0;
@@ -90,28 +91,46 @@ impl Scene3d {
         Self { origin: scene.frame.origin, is_exact: true, zones: scene.zones.iter().filter_map(Zone::new).collect(), ..drawn }
     }
 
-    /// The structures of a field: their outlines, extruded from base to top. A field knows of no zones, of no ceiling and not what the ground is like.
+    /// The scene as far as a field knows it: structures are their outlines from base to top, everything else is as it is.
     pub fn of_field(field: &FieldTable) -> Self {
-        let extruded = field.structures.iter().map(|row| {
-            let shape = Shape::Prism { footprint: footprint(field.outline(row)), base_m: row.base_m, top_m: row.top_m };
-            Structure { id: StructureId(row.id), name: field.name(row).into_owned(), shape }
-        });
-        let extruded: Vec<Structure> = extruded.collect();
-        let triangles = extruded.par_iter().map(Structure::triangles).collect();
-        let bodies = extruded.iter().zip(field.structures).map(|(structure, row)| {
+        let facts = field.facts;
+        let bounds = Bounds { min: facts.min_m.into(), max: facts.max_m.into() };
+        let ground = ground(field).map(Arc::new);
+        let structures = field.structures.iter().map(|row| {
+            let name = field.name(row).into_owned();
             // What has an outline and no samples is nothing that anybody wants to capture.
             let kind = match (row.samples, row.rings) {
-                (0, 0) if structure.name == TERRAIN_NAME => Kind::Terrain,
+                (0, 0) if name == TERRAIN_NAME => Kind::Terrain,
                 (0, _) => Kind::Obstacle,
                 _ => Kind::Structure,
             };
-            (structure.id, structure.name.clone(), kind, [row.base_m, row.top_m])
+            let shape = match ground.as_ref().filter(|_| kind == Kind::Terrain) {
+                Some(ground) => Shape::Terrain(Arc::clone(ground)),
+                None => Shape::Prism { footprint: footprint(field.outline(row)), base_m: row.base_m, top_m: row.top_m },
+            };
+            (Arc::new(Structure { id: StructureId(row.id), name, shape }), kind)
         });
-        let facts = field.facts;
-        let bounds = Bounds { min: facts.min_m.into(), max: facts.max_m.into() };
+        let structures: Vec<(Arc<Structure>, Kind)> = structures.collect();
+        let triangles = structures.par_iter().map(|(structure, _)| drawn_triangles(structure, Some(&bounds))).collect();
+        let bodies = structures.iter().zip(field.structures);
+        let bodies =
+            bodies.map(|((structure, kind), row)| (structure.id, structure.name.clone(), *kind, [row.base_m, row.top_m]));
         let drawn = Self::new(String::new(), Some(bounds), bodies, triangles);
         let place = Geodetic { lat_deg: facts.origin_lat_deg, lon_deg: facts.origin_lon_deg, alt_m: facts.origin_alt_m };
-        Self { origin: (facts.georeferenced == 1).then_some(place), revision: facts.revision, ..drawn }
+        let zones = field.zones.iter().map(|row| NoFlyZone {
+            name: field.zone_name(row).into_owned(),
+            outline: footprint(field.zone_outline(row)),
+            floor_m: row.floor_m,
+            ceiling_m: row.ceiling_m,
+            source: ZoneSource::File,
+        });
+        Self {
+            origin: (facts.georeferenced == 1).then_some(place),
+            revision: facts.revision,
+            ceiling_m: (facts.legal_ceiling_m > 0.0).then_some(facts.legal_ceiling_m),
+            zones: zones.filter_map(|zone| Zone::new(&zone)).collect(),
+            ..drawn
+        }
     }
 
     /// Nothing but the ground: what there is to a plan without its scene.
@@ -179,6 +198,13 @@ fn drawn_triangles(structure: &Arc<Structure>, bounds: Option<&Bounds>) -> Vec<T
     };
     let moved = triangles.into_iter().map(|corners| corners.map(within));
     moved.filter(|[a, b, c]| (b - a).cross(&(c - a)).z > 1e-6).collect()
+}
+
+/// The ground of a field where it is not flat.
+fn ground(field: &FieldTable) -> Option<Terrain> {
+    let facts = field.facts;
+    let corners = facts.ground_corners.map(|corners| corners as usize);
+    Terrain::new(facts.ground_origin_m, facts.ground_cell_m, corners, field.ground_m.to_vec())
 }
 
 fn footprint<'a>(rings: impl Iterator<Item = &'a [PointRow]>) -> MultiPolygon<f64> {

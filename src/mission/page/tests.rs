@@ -11,7 +11,8 @@ use serde_json::Value;
 use super::*;
 use crate::camera::Rig;
 use crate::planner::{self, Conduct, Method, PlanOptions};
-use crate::scene::{BlockSettings, NoFlyZone, Scene, Shape, Structure, StructureId, ZoneSource, generate_block};
+use crate::scene::terrain::tests::hill;
+use crate::scene::{BlockSettings, NoFlyZone, Scene, Shape, Structure, StructureId, TERRAIN_NAME, ZoneSource, generate_block};
 use crate::session::{Session, Snapshot};
 use crate::settings::Settings;
 use crate::stop::StopToken;
@@ -183,12 +184,40 @@ fn obstacles_terrain_and_zones_are_told_apart() {
         };
         assert_eq!(kind("pole"), Some(&"obstacle".into()));
     }
-    let drawn = Scene3d::of_scene(&snapshot.scene).within(&snapshot.free, 120.0);
-    let drawn = serde_json::to_value(drawn).unwrap();
-    assert_eq!(drawn["ceiling_m"], 120.0);
-    let ceilings: Vec<&Value> = drawn["zones"].as_array().unwrap().iter().map(|zone| &zone["ceiling_m"]).collect();
-    assert_eq!(ceilings, [&Value::from(60.0), &Value::Null]);
-    assert_eq!(f32s(&drawn["zones"][0]["area"]).len(), 6);
+    for drawn in [Scene3d::of_scene(&snapshot.scene).within(&snapshot.free, 120.0), Scene3d::of_field(&snapshot.field())] {
+        let drawn = serde_json::to_value(drawn).unwrap();
+        assert_eq!(drawn["ceiling_m"], 120.0);
+        let zones = drawn["zones"].as_array().unwrap();
+        let of_zones = |key: &str| zones.iter().map(|zone| zone[key].clone()).collect::<Vec<_>>();
+        assert_eq!(of_zones("name"), ["closed", "closed"]);
+        assert_eq!((of_zones("floor_m"), of_zones("ceiling_m")), (vec![5.0.into(); 2], vec![60.0.into(), Value::Null]));
+        let areas = zones.iter().map(|zone| f32s(&zone["area"]));
+        let twice_m2 = |area: Vec<f64>| {
+            let [a, b, c] = [0, 2, 4].map(|k| [area[k], area[k + 1]]);
+            (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        };
+        assert_eq!(areas.map(twice_m2).collect::<Vec<_>>(), [81.0, 81.0]);
+    }
+}
+
+#[test]
+fn a_field_draws_the_ground_of_its_scene() {
+    let mut scene = block();
+    let name = TERRAIN_NAME.to_owned();
+    let shape = Shape::Terrain(hill(20.0, 200.0, 900.0, 15.0).into());
+    scene.structures.push(Structure { id: StructureId::of_name(&name), name, shape }.into());
+    scene.structures.sort_by_key(|structure| structure.id);
+    let snapshot = snapshot(scene);
+    let data = [Scene3d::of_scene(&snapshot.scene), Scene3d::of_field(&snapshot.field())];
+    let [scene, field] = data.map(|drawn| serde_json::to_value(drawn).unwrap());
+    let ground = |drawn: &Value| {
+        let bodies = drawn["structures"].as_array().unwrap().clone();
+        bodies.into_iter().find(|body| body["kind"] == "terrain").expect("the ground is drawn")
+    };
+    assert!(ground(&scene)["triangles"].as_u64() > Some(100));
+    assert_eq!(ground(&scene), ground(&field));
+    let highest_m = |drawn: &Value| f32s(&drawn["corners"]).chunks(3).map(|corner| corner[2]).fold(0.0, f64::max);
+    assert_eq!(highest_m(&scene), highest_m(&field));
 }
 
 #[test]

@@ -93,12 +93,7 @@ export function showNotes(flights, { scene, coverage }, apart) {
     const notes = flights.flatMap((flight) => flight.notes);
     if (apart) notes.push(apart);
     if (scene.structures.length === 0) notes.push('Only the plan is here, without its scene: no structures and no coverage. Give the scene with --scene.');
-    else if (!scene.is_exact) {
-        notes.push('Structures are drawn as their outlines from base to top. No-fly zones and the legal ceiling are not known here.');
-    }
-    if (scene.hasHills && !scene.terrain) {
-        notes.push('The ground is not flat and is not known here: a plane is drawn at its lowest place, from which heights count.');
-    }
+    else if (!scene.is_exact) notes.push('Structures are drawn as their outlines from base to top.');
     if (coverage?.by === 'field') notes.push('When a part is captured is estimated from the field; what is captured in the end is exact.');
     if (coverage?.knowsBefore === false) notes.push('What images before this flight captured appears at its end.');
     const section = document.getElementById('notes');

@@ -210,6 +210,11 @@ impl Exchange {
         Self { gone: Side::new(before.only_gone(differences)), come: Side::new(come) }
     }
 
+    /// Whether the earlier scene has surfaces that the later one has not. Otherwise every line that was blocked is blocked still.
+    pub fn is_any_gone(&self) -> bool {
+        !self.gone.clearance.leaves.is_empty()
+    }
+
     /// Whether the line from `a` to `b` may be blocked in one of the scenes alone, when in the earlier one it was blocked or not. For a free line the answer
     /// is exact: it is blocked in the later scene if it is here.
     pub fn may_change(&self, was_blocked: bool, a: &Point3<f64>, b: &Point3<f64>) -> bool {

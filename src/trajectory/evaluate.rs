@@ -114,6 +114,15 @@ impl<'a> Caster<'a> {
         sample.position + sample.normal * self.snapshot.offset_m
     }
 
+    /// Whether an image shows a sample if nothing stands between.
+    pub fn may_see(&self, sample: &SampleFrame, index: usize) -> bool {
+        self.disks.faces(sample, &self.images[index].position_m) && self.is_framed(sample, index)
+    }
+
+    fn is_framed(&self, sample: &SampleFrame, index: usize) -> bool {
+        self.views[index].as_ref().is_none_or(|view| view.frames(&sample.position))
+    }
+
     /// Which of the `near` images see a sample.
     pub fn seen_by<'b>(&'b self, sample: &'b SampleFrame, near: &'b [usize]) -> impl Iterator<Item = Sighting> + 'b {
         let end = self.end(sample);
@@ -129,9 +138,8 @@ impl<'a> Caster<'a> {
             }
         };
         near.iter().filter_map(move |&index| {
-            let (position, view) = (self.images[index].position_m, &self.views[index]);
-            let is_framed = view.as_ref().is_none_or(|view| view.frames(&sample.position));
-            let mask = if is_framed { mask(position) } else { 0 };
+            let position = self.images[index].position_m;
+            let mask = if self.is_framed(sample, index) { mask(position) } else { 0 };
             (mask != 0).then(|| Sighting { image: index as u32, mask, bearing: Bearing::new(&sample.position, &position) })
         })
     }

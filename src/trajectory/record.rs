@@ -251,10 +251,19 @@ impl<'a> Recast<'a> {
         let mut again = self.new.within(place.x, self.reach_m);
         again.retain(|&k| is_near(position(k)));
         for (bounds, beside) in &self.beside {
-            if bounds.distance_squared(&place) <= self.reach_m * self.reach_m {
-                let was_seen = |k: usize| list.iter().any(|one| one.image == self.slots[k]);
-                let may_change = |k: usize| self.exchange.may_change(!was_seen(k), position(k), &end);
-                again.extend(beside.iter().copied().filter(|&k| bounds.meets_segment(position(k), &end) && may_change(k)));
+            if bounds.distance_squared(&place) > self.reach_m * self.reach_m {
+                continue;
+            }
+            let is_crossed = |k: &usize| bounds.meets_segment(position(*k), &end);
+            // A line that was free is blocked by nothing else than what has come, one that was blocked is free only where something is gone.
+            let seeing = list.iter().map(|one| one.image as usize).filter(|&slot| !self.is_gone[slot]);
+            let hidden = seeing.map(|slot| self.in_slot[slot] as usize).filter(is_crossed);
+            again.extend(hidden.filter(|&k| self.exchange.may_change(false, position(k), &end)));
+            if self.exchange.is_any_gone() {
+                let may_see = |k: &usize| self.caster.may_see(&sample, *k);
+                let is_blind = |k: &usize| list.iter().all(|one| one.image != self.slots[*k]);
+                let shown = beside.iter().copied().filter(may_see).filter(is_crossed).filter(is_blind);
+                again.extend(shown.filter(|&k| self.exchange.may_change(true, position(k), &end)));
             }
         }
         let has_gone = self.gone.within(place.x, self.reach_m).into_iter().any(|k| is_near(&self.gone_at[k]));

@@ -4,6 +4,25 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 
+/// A part of the work whose steps are counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// Reading a file, in bytes.
+    Reading,
+    /// Sampling surfaces and placing viewpoints, in structures and in columns of the lattice: each of several passes by itself.
+    Survey,
+    /// Casting the rays of a field, in viewpoints.
+    Rays,
+}
+
+/// How far a part of the work has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Counted {
+    pub part: Part,
+    pub done: u64,
+    pub of: u64,
+}
+
 /// Asks a running computation to stop; clones share one state.
 ///
 /// It may carry a clock: computations read none of their own, and what they learn from this one only decides how much they do.
@@ -17,6 +36,7 @@ pub struct StopToken {
 #[derive(Debug, Default)]
 struct State {
     asked: AtomicU8,
+    part: AtomicU8,
     done: AtomicU64,
     of: AtomicU64,
 }
@@ -26,6 +46,14 @@ struct Clock(Arc<dyn Fn() -> f64 + Send + Sync>);
 
 const STOPPED: u8 = 1;
 const ABANDONED: u8 = 2;
+
+impl Counted {
+    /// How many steps of how many are done, as they are told: bytes in thousands.
+    pub fn told(self) -> [u64; 2] {
+        let unit = if self.part == Part::Reading { 1000 } else { 1 };
+        [self.done / unit, self.of.div_ceil(unit)]
+    }
+}
 
 impl StopToken {
     /// A token with a clock that tells the seconds since the work began.
@@ -58,20 +86,23 @@ impl StopToken {
     }
 
     /// Work of so many equal steps begins.
-    pub fn begin(&self, steps: usize) {
+    pub fn begin(&self, part: Part, steps: u64) {
+        self.state.part.store(part as u8, Ordering::Relaxed);
         self.state.done.store(0, Ordering::Relaxed);
-        self.state.of.store(steps as u64, Ordering::Relaxed);
+        self.state.of.store(steps, Ordering::Relaxed);
     }
 
-    /// One step of it is done, by whichever thread.
-    pub fn advance(&self) {
-        self.state.done.fetch_add(1, Ordering::Relaxed);
+    /// So many steps of it are done, by whichever thread.
+    pub fn advance(&self, steps: u64) {
+        self.state.done.fetch_add(steps, Ordering::Relaxed);
     }
 
-    /// How many steps of how many are done of the work that began last; `None` before any did.
-    pub fn progress(&self) -> Option<[u64; 2]> {
-        let (done, of) = (self.state.done.load(Ordering::Relaxed), self.state.of.load(Ordering::Relaxed));
-        (of > 0).then_some([done.min(of), of])
+    /// How far the work has come that began last; `None` before any did.
+    pub fn progress(&self) -> Option<Counted> {
+        let [done, of] = [&self.state.done, &self.state.of].map(|steps| steps.load(Ordering::Relaxed));
+        let part = self.state.part.load(Ordering::Relaxed);
+        let part = [Part::Reading, Part::Survey, Part::Rays].into_iter().find(|one| *one as u8 == part)?;
+        (of > 0).then_some(Counted { part, done: done.min(of), of })
     }
 }
 

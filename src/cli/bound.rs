@@ -11,7 +11,7 @@ use super::arguments::BoundArgs;
 use super::failure::Failure;
 use super::interrupt::Interrupts;
 use super::outputs::Folder;
-use super::progress::Meter;
+use super::progress::{Meter, READING};
 use super::{in_process, rig_file, settings_file};
 use crate::bound::{self, Bound, BoundError, Ended, Progress};
 use crate::camera::Cameras;
@@ -35,7 +35,7 @@ pub fn run(arguments: &BoundArgs, form: Form) -> Result<Answer, Failure> {
     let stopper = stop.clone();
     let interrupts =
         Interrupts::announced(form, "stopping: the best bound so far follows; Ctrl-C again ends at once", move || stopper.stop());
-    meter.stage("reading the scene");
+    meter.stage(READING);
     let (scene, _) = in_process::read_scene(&arguments.file, &settings)?;
     let name = scene.name.clone();
     let snapshot = in_process::build_field(scene, &settings, &stop, &mut meter).map_err(|failure| match failure {

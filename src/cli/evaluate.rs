@@ -11,7 +11,7 @@ use super::failure::Failure;
 use super::in_process::OwnedFiles;
 use super::interrupt::Interrupts;
 use super::outputs::Folder;
-use super::progress::Meter;
+use super::progress::{Meter, READING, SURVEYING};
 use super::{bounded_file, in_process, settings_file};
 use crate::mission::quality_json::{self, Report};
 use crate::mission::{plan_read, svg};
@@ -95,11 +95,11 @@ fn assess(
     mut meter: Meter,
 ) -> Result<Assessed, Failure> {
     meter.keep_moving();
-    meter.stage("reading the scene");
+    meter.stage(READING);
     let (scene, _) = in_process::read_scene_files(&truth_files.borrowed(), settings)?;
     let plan = quality::carried(given, &scene)?;
     quality::check_reach(&plan, &scene, settings.coverage.range_m)?;
-    meter.stage("sampling the surface");
+    meter.stage(SURVEYING);
     let truth = Truth::new(scene, settings, stop).map_err(interrupted)?;
     let shots = quality::shots(&plan, which);
     meter.stage(&format!("casting the rays of {} images to {} samples", shots.len(), truth.samples().len()));

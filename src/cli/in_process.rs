@@ -13,11 +13,11 @@ use super::arguments::OrderArgs;
 use super::bounded_file;
 use super::en_route::Flown;
 use super::failure::Failure;
-use super::progress::Meter;
+use super::progress::{CASTING, Meter, READING, SURVEYING};
 use crate::camera::{Rig, direction_of};
 use crate::planner::{self, Conduct, Method, Objective, PlanOptions, StopToken};
 use crate::scene::anchor::Anchor;
-use crate::scene::{self, GroundFile, ImportReport, Scene};
+use crate::scene::{self, GroundFile, ImportReport, Scene, Watched};
 use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
 use crate::trajectory::evaluate::Sightings;
@@ -67,16 +67,22 @@ pub fn read_scene(path: &Path, settings: &Settings) -> Result<(Scene, ImportRepo
 
 /// The same with the model of the ground that is named, or that stands beside the file.
 pub fn read_scene_files(files: &SceneFiles, settings: &Settings) -> Result<(Scene, ImportReport), Failure> {
-    read_in_frame(files, settings, None)
+    read_in_frame(files, settings, None, &StopToken::default())
 }
 
-/// The same, with an anchor in the frame of a scene that was read before.
-pub fn read_in_frame(files: &SceneFiles, settings: &Settings, anchor: Option<&Anchor>) -> Result<(Scene, ImportReport), Failure> {
+/// The same, with an anchor in the frame of a scene that was read before. Of a point cloud, the only file that takes long, `stop` counts what is read.
+pub fn read_in_frame(
+    files: &SceneFiles,
+    settings: &Settings,
+    anchor: Option<&Anchor>,
+    stop: &StopToken,
+) -> Result<(Scene, ImportReport), Failure> {
     // The daemon is told absolute paths too: both give a file without a telling name that of its folder.
     let path = std::path::absolute(files.scene).unwrap_or_else(|_| files.scene.to_owned());
     let name = path.to_string_lossy();
-    if let Some(mut cloud) = opened_cloud(files.scene).filter(|_| files.ground.is_none()) {
-        let (mut scene, report) = scene::read_cloud(&name, &mut cloud, &settings.proxy, anchor)?;
+    if let Some(cloud) = opened_cloud(files.scene).filter(|_| files.ground.is_none()) {
+        let length = cloud.metadata().map_or(0, |metadata| metadata.len());
+        let (mut scene, report) = scene::read_cloud(&name, &mut Watched::new(cloud, length, stop), &settings.proxy, anchor)?;
         scene.name = plain_scene_name(&scene.name);
         return Ok((scene, report));
     }
@@ -141,8 +147,7 @@ pub fn plan_file(
     meter: &mut Meter,
 ) -> Result<Planned, Failure> {
     let started = Instant::now();
-    meter.stage("reading the scene");
-    let (scene, report) = read_scene_files(files, settings)?;
+    let (scene, report) = meter.while_counting(READING, stop, || read_in_frame(files, settings, None, stop))?;
     if stop.is_stopped() {
         return Err(Failure::Interrupted);
     }
@@ -178,15 +183,14 @@ pub fn plan_file(
 
 /// Samples a scene and builds its field.
 pub fn build_field(scene: Scene, settings: &Arc<Settings>, stop: &StopToken, meter: &mut Meter) -> Result<Snapshot, Failure> {
-    meter.stage("sampling the surface");
-    field_of(&Session::new(scene, Arc::clone(settings), stop)?, stop, meter)
+    let session = meter.while_counting(SURVEYING, stop, || Session::new(scene, Arc::clone(settings), stop))?;
+    field_of(&session, stop, meter)
 }
 
 /// The field of a session's scene.
 pub fn field_of(session: &Session, stop: &StopToken, meter: &mut Meter) -> Result<Snapshot, Failure> {
-    meter.stage("sampling the surface");
-    let survey = session.survey(stop)?;
-    Ok(meter.while_casting(stop, || survey.into_snapshot(stop))?)
+    let survey = meter.while_counting(SURVEYING, stop, || session.survey(stop))?;
+    Ok(meter.while_counting(CASTING, stop, || survey.into_snapshot(stop))?)
 }
 
 /// What the command line asks of the planner.

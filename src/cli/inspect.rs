@@ -8,9 +8,10 @@ use super::failure::Failure;
 use super::import_lines;
 use super::in_process::SceneFiles;
 use super::outputs::Folder;
-use super::progress::Meter;
+use super::progress::{Meter, READING};
 use super::{in_process, settings_file};
 use crate::mission::svg::scene_view;
+use crate::planner::StopToken;
 use crate::scene::{ImportReport, Meaning, Scene, Shape};
 
 /// Items of a kind that are printed unless all are wanted.
@@ -21,9 +22,9 @@ pub fn run(arguments: &InspectArgs, form: Form) -> Result<Answer, Failure> {
     let folder = arguments.out.as_deref().map(Folder::prepare).transpose()?;
     let mut meter = Meter::new(form);
     meter.keep_moving();
-    meter.stage("reading the scene");
-    let (scene, report) =
-        in_process::read_scene_files(&SceneFiles { scene: &arguments.file, ground: arguments.read.dtm.as_deref() }, &settings)?;
+    let files = SceneFiles { scene: &arguments.file, ground: arguments.read.dtm.as_deref() };
+    let stop = StopToken::default();
+    let (scene, report) = meter.while_counting(READING, &stop, || in_process::read_in_frame(&files, &settings, None, &stop))?;
     drop(meter);
     let mut object = json!({
         "scene": scene.name,

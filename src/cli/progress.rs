@@ -8,6 +8,7 @@ use overfly_client::{ProgressNote, Stage};
 
 use super::answer::Form;
 use crate::planner::{Progress, StopToken};
+use crate::stop::Part;
 
 /// The planner speaks far more often than anybody can read.
 const REDRAW: Duration = Duration::from_millis(50);
@@ -18,14 +19,28 @@ const PARTS: u64 = 1000;
 /// Before so much of the work is done nobody knows how long the rest takes.
 const LEAST_SHARE: f64 = 0.02;
 
+/// Work as it is called before it is known how long it takes.
+pub const READING: &str = "reading the scene";
+pub const SURVEYING: &str = "sampling the surface";
+pub const CASTING: &str = "casting the rays of the field";
+const SEARCH: &str = "search";
+
 /// A line that shows how far the work has come; it vanishes at the end.
 pub struct Meter {
     bar: ProgressBar,
-    /// The part of the work that is counted at the moment, and when its counting began.
-    counted: Option<(&'static str, Instant)>,
+    /// What is counted at the moment.
+    counted: Option<Counting>,
     shown: Option<Instant>,
     asked: Option<u32>,
     budget_s: Option<f64>,
+}
+
+/// A part of the work, its steps, and when their counting began.
+#[derive(Clone, Copy)]
+struct Counting {
+    part: &'static str,
+    of: u64,
+    begun: Instant,
 }
 
 /// Steps of work.
@@ -71,8 +86,8 @@ impl Meter {
     }
 
     /// Does work that counts its steps in `stop`, and shows them meanwhile.
-    pub fn while_casting<T: Send>(&mut self, stop: &StopToken, work: impl FnOnce() -> T + Send) -> T {
-        self.stage("casting the rays of the field");
+    pub fn while_counting<T: Send>(&mut self, name: &str, stop: &StopToken, work: impl FnOnce() -> T + Send) -> T {
+        self.stage(name);
         if self.bar.is_hidden() {
             return work();
         }
@@ -83,7 +98,7 @@ impl Meter {
                 work()
             });
             while is_over.recv_timeout(2 * REDRAW) == Err(RecvTimeoutError::Timeout) {
-                stop.progress().into_iter().for_each(|[done, of]| self.show_field(done, of));
+                stop.progress().into_iter().for_each(|counted| self.show_part(counted.part, counted.told()));
             }
             working.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         })
@@ -96,28 +111,37 @@ impl Meter {
 
     /// A word of the daemon.
     pub fn note(&mut self, note: &ProgressNote) {
+        let steps = [note.done.into(), note.of.into()];
         match note.stage {
-            Stage::Read => self.stage("reading the scene"),
-            Stage::Survey => self.stage("sampling the surface"),
-            Stage::Field if note.of == 0 => self.stage("casting the rays of the field"),
-            Stage::Field => self.show_field(note.done.into(), note.of.into()),
+            Stage::Read if note.of == 0 => self.stage(READING),
+            Stage::Read => self.show_part(Part::Reading, steps),
+            Stage::Survey if note.of == 0 => self.stage(SURVEYING),
+            Stage::Survey => self.show_part(Part::Survey, steps),
+            Stage::Field if note.of == 0 => self.stage(CASTING),
+            Stage::Field => self.show_part(Part::Rays, steps),
             Stage::Search => self.show_search(note.done, note.of, note.coverage_percent, note.length_m),
         }
     }
 
-    fn show_field(&mut self, done: u64, of: u64) {
-        self.show("field", Steps { done, of, unit: "viewpoints" }, "", None);
+    fn show_part(&mut self, part: Part, [done, of]: [u64; 2]) {
+        let (name, unit) = match part {
+            Part::Reading => ("reading", "kB"),
+            Part::Survey => ("survey", "parts"),
+            Part::Rays => ("field", "viewpoints"),
+        };
+        self.show(name, Steps { done, of, unit }, "", None);
     }
 
     fn show_search(&mut self, done: u32, of: u32, coverage_percent: f64, length_m: f64) {
         self.asked = Some(of);
         let steps = Steps { done: done.into(), of: of.into(), unit: "iterations" };
         let found = format!(", {coverage_percent:.1} % of capturable, {length_m:.0} m");
-        self.show("search", steps, &found, self.budget_s);
+        self.show(SEARCH, steps, &found, self.budget_s);
     }
 
     fn show(&mut self, part: &'static str, steps: Steps, found: &str, budget_s: Option<f64>) {
-        let is_new = self.counted.is_none_or(|(counted, _)| counted != part);
+        // Another pass of the same part has another number of steps; how many rounds a search has may be decided on its way.
+        let is_new = self.counted.is_none_or(|counted| counted.part != part || counted.of != steps.of && part != SEARCH);
         if self.bar.is_hidden() || !is_new && self.shown.is_some_and(|shown| shown.elapsed() < REDRAW) {
             return;
         }
@@ -126,9 +150,9 @@ impl Meter {
             self.bar.set_style(style(BAR));
             self.bar.set_prefix(part);
             self.bar.set_length(PARTS);
-            self.counted = self.shown.map(|now| (part, now));
+            self.counted = self.shown.map(|begun| Counting { part, of: steps.of, begun });
         }
-        let elapsed_s = self.counted.map_or(0.0, |(_, begun)| begun.elapsed().as_secs_f64());
+        let elapsed_s = self.counted.map_or(0.0, |counted| counted.begun.elapsed().as_secs_f64());
         let (share, words) = steps.told(elapsed_s, budget_s);
         self.bar.set_position((share * PARTS as f64) as u64);
         self.bar.set_message(words + found);

@@ -14,7 +14,7 @@ use super::failure::Failure;
 use super::in_process::{self, OwnedFiles};
 use super::interrupt::Interrupts;
 use super::pages::{self, Shown};
-use super::progress::Meter;
+use super::progress::{Meter, READING};
 use super::{browser, flown_scene, settings_file};
 use crate::camera::Rig;
 use crate::frame::LocalFrame;
@@ -185,7 +185,7 @@ impl Viewer<'_> {
             return Ok((known.snapshot.clone(), Samples::Own));
         }
         self.meter.keep_moving();
-        self.meter.stage("reading the scene");
+        self.meter.stage(READING);
         let (scene, report) = self.read(files, settings)?;
         let samples = match &self.known {
             None => Samples::Own,
@@ -215,9 +215,11 @@ impl Viewer<'_> {
         };
         if known.snapshot.scene.frame.origin.is_some() {
             let anchor = known.anchor.as_ref().ok_or_else(|| refusal("its file does not say where that lies"))?;
-            return in_process::read_in_frame(&files.borrowed(), settings, Some(anchor)).map_err(|failure| match failure {
-                Failure::Import(ImportError::Anchor { what, .. }) => refusal(&what),
-                other => other,
+            return in_process::read_in_frame(&files.borrowed(), settings, Some(anchor), &self.stop).map_err(|failure| {
+                match failure {
+                    Failure::Import(ImportError::Anchor { what, .. }) => refusal(&what),
+                    other => other,
+                }
             });
         }
         // Without a georeference a plan's coordinates are those of its own scene's frame.

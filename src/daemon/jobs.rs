@@ -26,6 +26,7 @@ use crate::scene::Scene;
 use crate::scene::anchor::Anchor;
 use crate::session::{FieldError, Findings, Session, Snapshot};
 use crate::settings::Settings;
+use crate::stop::Part;
 use crate::trajectory::plan::{Plan, RunTimes, StopReason};
 use crate::trajectory::record::Record;
 
@@ -166,14 +167,14 @@ impl Workshop {
         self.spawn(assignment, move |workshop, assignment| {
             workshop.note(assignment, Stage::Read, [0, 0]);
             let max_bytes = settings.daemon.max_scene_mb.saturating_mul(1_000_000);
-            let read = match source {
+            let read = workshop.tell_while(assignment, || match source {
                 FileSource::Path { path, ground } => {
-                    scene_file::read_path(&path, ground.as_deref(), max_bytes, &settings.proxy, anchor.as_ref())
+                    scene_file::read_path(&path, ground.as_deref(), max_bytes, &settings.proxy, anchor.as_ref(), &assignment.stop)
                 }
                 FileSource::Bytes { file_name, bytes } => {
                     scene_file::read_bytes(&file_name, &bytes, &settings.proxy, anchor.as_ref())
                 }
-            };
+            });
             Ok(NewsKind::Read(Box::new(read.map_err(Failure::Refused)?)))
         });
     }
@@ -199,11 +200,11 @@ impl Workshop {
             self.note(assignment, Stage::Survey, [0, 0]);
         }
         let (session, survey) = match source {
-            FieldSource::Scene(scene, settings) => {
+            FieldSource::Scene(scene, settings) => self.tell_while(assignment, || {
                 let session = Session::new(*scene, settings, stop)?;
                 let survey = session.survey(stop)?;
-                (session, survey)
-            }
+                Ok::<_, Failure>((session, survey))
+            })?,
             FieldSource::Edited { session, earlier } => {
                 let survey = session.survey_after(&earlier, stop)?;
                 (*session, survey)
@@ -297,14 +298,19 @@ impl Workshop {
         }
     }
 
-    /// Tells again and again how much of the field is built by `work`.
+    /// Tells again and again how far `work` has come.
     fn tell_while<T>(&self, assignment: &Assignment, work: impl FnOnce() -> T) -> T {
         let (at_work, is_over) = mpsc::channel::<Infallible>();
         std::thread::scope(|scope| {
             let tell = move || {
                 while is_over.recv_timeout(FIELD_NOTE_GAP) == Err(RecvTimeoutError::Timeout) {
-                    let steps = assignment.stop.progress().unwrap_or_default();
-                    self.note(assignment, Stage::Field, steps.map(|steps| u32::try_from(steps).unwrap_or(u32::MAX)));
+                    let Some(counted) = assignment.stop.progress() else { continue };
+                    let stage = match counted.part {
+                        Part::Reading => Stage::Read,
+                        Part::Survey => Stage::Survey,
+                        Part::Rays => Stage::Field,
+                    };
+                    self.note(assignment, stage, counted.told().map(|steps| u32::try_from(steps).unwrap_or(u32::MAX)));
                 }
             };
             // Without a thread for it nobody is told.

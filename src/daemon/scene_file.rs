@@ -10,8 +10,9 @@ use overfly_wire::{Refusal, RefusalCode};
 use rustix::fs::OFlags;
 
 use crate::scene::anchor::Anchor;
-use crate::scene::{self, GroundFile, ImportError, ImportReport, Scene};
+use crate::scene::{self, GroundFile, ImportError, ImportReport, Scene, Watched};
 use crate::settings::ProxySettings;
+use crate::stop::StopToken;
 
 /// A scene that was read, and what its repairs were.
 #[derive(Debug)]
@@ -26,18 +27,19 @@ pub struct SceneFile {
 }
 
 /// Reads the file at `path`, a surface model over the model of its ground: that at `ground`, or the one that stands beside it. Each may hold at most
-/// `max_bytes`; with an anchor it is read in the frame of a scene that was read before.
+/// `max_bytes`; with an anchor it is read in the frame of a scene that was read before. Of a point cloud `stop` counts what is read.
 pub fn read_path(
     path: &Path,
     ground: Option<&Path>,
     max_bytes: u64,
     settings: &ProxySettings,
     anchor: Option<&Anchor>,
+    stop: &StopToken,
 ) -> Result<SceneFile, Refusal> {
     let name = path.to_string_lossy();
     let (mut file, length) = opened(path, max_bytes)?;
     if ground.is_none() && is_cloud(&mut file) {
-        return told(length as usize, || scene::read_cloud(&name, &mut file, settings, anchor));
+        return told(length as usize, || scene::read_cloud(&name, &mut Watched::new(file, length, stop), settings, anchor));
     }
     let bytes = bytes_of(path, file, length)?;
     let beside = || scene::ground_beside(&name).map(PathBuf::from).filter(|path| path.is_file());

@@ -13,7 +13,7 @@ use super::survey::FieldError;
 use super::tiles::{Reach, Tile};
 use crate::coverage::{Mask, SampleFrame};
 use crate::scene::Bounds;
-use crate::stop::StopToken;
+use crate::stop::{Part, StopToken};
 
 /// Gives memory for a segment of so many blocks, all zero, and lets it be written once.
 pub type Place<'p, E> = dyn Fn(usize, &dyn Fn(&mut [Block])) -> Result<Arc<dyn TableMemory>, E> + Sync + 'p;
@@ -37,7 +37,7 @@ pub fn build_rows<E: From<FieldError> + Send>(
 ) -> Result<Visibility, E> {
     let (targets, groups) = (Targets::new(inputs), Group::all(inputs));
     let unions = Mutex::new(vec![0; inputs.samples.samples.len()]);
-    stop.begin(inputs.viewpoints.len());
+    stop.begin(Part::Rays, inputs.viewpoints.len() as u64);
     let of_tile = |tile: &Tile| {
         let reach = Reach::of(&tile.bounds, inputs.reach_m(), &groups);
         let (mut union, mut bits, mut rows) = (reach.masks(), reach.row(), SegmentRows::default());
@@ -51,7 +51,7 @@ pub fn build_rows<E: From<FieldError> + Send>(
                 union[patch * PATCH + offset] |= inputs.disks.mask(&targets.frames[i], &view);
             });
             bits.end(&mut rows);
-            stop.advance();
+            stop.advance(1);
         }
         reach.merge(&union, &mut unions.lock().unwrap_or_else(PoisonError::into_inner));
         let patches = reach.number(&mut rows);

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::scene::Bounds;
 use crate::scene::differences::Differences;
 use crate::scene::free_space::FreeSpace;
-use crate::stop::StopToken;
+use crate::stop::{Part, StopToken};
 use crate::surface::unit_hash;
 
 /// The lattice of viewpoints. Pinned when a scene is loaded.
@@ -69,8 +69,10 @@ pub fn sites(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Ve
         return Some(Vec::new());
     }
     let columns: Vec<(i64, i64)> = (low[0]..=high[0]).flat_map(|x| (low[1]..=high[1]).map(move |y| (x, y))).collect();
+    stop.begin(Part::Survey, columns.len() as u64);
     let column = |&(x, y): &(i64, i64)| -> Option<Vec<Site>> {
         let cells = (low[2]..=high[2]).map(|z| [x, y, z]);
+        stop.advance(1);
         (!stop.is_stopped()).then(|| cells.filter_map(|cell| site(free, lattice, cell)).collect())
     };
     let filled: Option<Vec<Vec<Site>>> = columns.par_iter().map(column).collect();

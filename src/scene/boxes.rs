@@ -123,3 +123,68 @@ fn around(boxes: &[[[f32; 3]; 2]]) -> [[f32; 3]; 2] {
     };
     [std::array::from_fn(|k| axis(0, k, f32::min)), std::array::from_fn(|k| axis(1, k, f32::max))]
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Whether a line meets a box that is larger by `by_m` on all sides, in double precision.
+    fn meets([low, high]: &[[f32; 3]; 2], a: &Point3<f64>, b: &Point3<f64>, by_m: f64) -> bool {
+        let (mut enter, mut leave) = (0.0f64, 1.0f64);
+        for axis in 0..3 {
+            let (from, way) = (a[axis], b[axis] - a[axis]);
+            let sides = [f64::from(low[axis]) - by_m - from, f64::from(high[axis]) + by_m - from];
+            if way == 0.0 {
+                if sides[0] > 0.0 || sides[1] < 0.0 {
+                    return false;
+                }
+                continue;
+            }
+            let [first, last] = sides.map(|side| side / way);
+            (enter, leave) = (enter.max(first.min(last)), leave.min(first.max(last)));
+        }
+        enter <= leave
+    }
+
+    fn place() -> impl Strategy<Value = [f64; 3]> {
+        [-50.0..50.0f64, -50.0..50.0f64, 0.0..40.0f64]
+    }
+
+    proptest! {
+        #[test]
+        fn no_box_is_passed_over_that_a_beam_meets_and_hardly_any_other_is_looked_at(
+            boxes in proptest::collection::vec((place(), [0.0..6.0f64, 0.0..6.0, 0.0..6.0]), 0..600), a in place(), b in place(),
+            flat in 0..8usize, distance_m in prop_oneof![Just(0.0), 0.0..8.0f64], shift_m in prop_oneof![Just(0.0), 0.0..20_000.0f64],
+        ) {
+            // Far from the origin too, where single precision is coarse; along the axes; and a mere point.
+            let moved = |p: [f64; 3]| Point3::new(p[0] + shift_m, p[1] - shift_m, p[2]);
+            let (a, mut b) = (moved(a), moved(b));
+            (0..3).filter(|axis| flat >> axis & 1 == 1).for_each(|axis| b[axis] = a[axis]);
+            let corners: Vec<[[f32; 3]; 2]> = boxes.iter().map(|(low, size)| {
+                let low = moved(*low);
+                let high = low + nalgebra::Vector3::from(*size);
+                [low, high].map(|corner| [corner.x as f32, corner.y as f32, corner.z as f32])
+            }).collect();
+            let order: Vec<u32> = (0..corners.len() as u32).rev().collect();
+            let tree = Boxes::new(order, |leaf| corners[leaf]);
+            let met = RefCell::new(Vec::new());
+            prop_assert!(!tree.any(&Beam::new(&a, &b, distance_m), |leaf| { met.borrow_mut().push(leaf); false }));
+            let mut met = met.into_inner();
+            met.sort_unstable();
+            let within = |by_m: f64| (0..corners.len()).filter(|&leaf| meets(&corners[leaf], &a, &b, by_m)).collect::<Vec<_>>();
+            let near = within(distance_m + 4.0 * ROUNDING * (shift_m + 100.0));
+            prop_assert!(within(distance_m).iter().all(|leaf| met.binary_search(leaf).is_ok()), "{met:?}");
+            prop_assert!(met.iter().all(|leaf| near.binary_search(leaf).is_ok()), "{met:?}");
+            // It ends with the first one that is what is looked for.
+            if let Some(&wanted) = met.first() {
+                let asked = std::cell::Cell::new(0);
+                prop_assert!(tree.any(&Beam::new(&a, &b, distance_m), |leaf| { asked.set(asked.get() + 1); leaf == wanted }));
+                prop_assert!(asked.get() <= met.len());
+            }
+        }
+    }
+}

@@ -54,7 +54,7 @@ pub use bounds::Bounds;
 pub use file_name::{ENDINGS, ground_beside};
 pub use generate::{BlockSettings, generate_block, ny1_size};
 pub use proxy::{NoFlyZone, Scene, Shape, Structure, StructureId, Triangle, ZoneSource};
-pub use raster::Source;
+pub use raster::{Source, Watched};
 pub use read::{GroundFile, ImportError, KNOWN_FORMATS, is_cloud, read, read_anchored, read_cloud, read_over_ground};
 pub use report::{ImportReport, ItemKind, Meaning, Place, ReportItem};
 pub use terrain::{TERRAIN_NAME, Terrain};

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::scene::differences::Differences;
 use crate::scene::solid::area_m2;
 use crate::scene::{Bounds, Scene, Shape, Structure, StructureId, Triangle};
-use crate::stop::StopToken;
+use crate::stop::{Part, StopToken};
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,6 +86,7 @@ impl Sampler {
     /// All samples of the scene, in the order of its structures; `None` when stopped.
     pub fn sample(&self, scene: &Scene, stop: &StopToken) -> Option<Vec<Sample>> {
         let bounds: Vec<Bounds> = scene.structures.iter().map(|structure| structure.bounds()).collect();
+        stop.begin(Part::Survey, scene.structures.len() as u64);
         self.sampled(scene, &bounds, |_| None, stop)
     }
 
@@ -126,6 +127,7 @@ impl Sampler {
             let mut samples = known[index].as_ref().map_or_else(anew, |known| known.samples.to_vec());
             let neighbours = neighbours(scene, bounds, index, reach_m);
             samples.iter_mut().for_each(|sample| sample.exposed = is_exposed(sample, &neighbours, reach_m));
+            stop.advance(1);
             Some(samples)
         };
         let open: Vec<usize> = (0..known.len()).filter(|&index| !is_settled(index)).collect();

@@ -13,11 +13,40 @@ use self::cells::Cells;
 use super::geo_keys::{self, Reference};
 use super::grid::{Affine, Grid, LEAST_CELL_M, MOST_CELLS};
 use crate::scene::read::ImportError;
+use crate::stop::{Part, StopToken};
 
 /// Where the bytes of a cloud lie.
 pub trait Source: Read + Seek + Send + Sync {}
 
 impl<T: Read + Seek + Send + Sync> Source for T {}
+
+/// A source that counts the bytes that are read of it.
+pub struct Watched<'w, S> {
+    source: S,
+    stop: &'w StopToken,
+}
+
+impl<'w, S> Watched<'w, S> {
+    /// Of a source of so many bytes.
+    pub fn new(source: S, length: u64, stop: &'w StopToken) -> Self {
+        stop.begin(Part::Reading, length);
+        Self { source, stop }
+    }
+}
+
+impl<S: Read> Read for Watched<'_, S> {
+    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.source.read(bytes)?;
+        self.stop.advance(count as u64);
+        Ok(count)
+    }
+}
+
+impl<S: Seek> Seek for Watched<'_, S> {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.source.seek(to)
+    }
+}
 
 /// Bytes that are read at once.
 const BUFFER: usize = 1 << 20;

@@ -16,7 +16,7 @@ mod tiff;
 #[cfg(test)]
 mod tests;
 
-pub use self::cloud::Source;
+pub use self::cloud::{Source, Watched};
 use self::geo_keys::Reference;
 use self::grid::Grid;
 use self::tiff::Fold;

@@ -11,6 +11,7 @@ use self::scene_files::{las, layered, points};
 use super::*;
 use crate::scene::{Shape, TERRAIN_NAME, Terrain, read, read_anchored, read_over_ground};
 use crate::settings::Settings;
+use crate::stop::{Counted, Part, StopToken};
 
 #[path = "../../../tests/scene_files/las.rs"]
 mod scene_files;
@@ -329,6 +330,19 @@ fn classified_points_tell_ground_roofs_and_trees_apart() {
             assert!(told.contains(word), "{word}: {told}");
         }
         assert_eq!(report.epsg, Some(25830));
+    }
+}
+
+#[test]
+fn a_cloud_is_counted_while_it_is_read() {
+    for bytes in [las(&points([2, 6, 5]), false), layered(&points([2, 6, 5]), 1000)] {
+        let (length, stop) = (bytes.len() as u64, StopToken::default());
+        let mut source = Watched::new(Cursor::new(&bytes), length, &stop);
+        assert_eq!(stop.progress(), Some(Counted { part: Part::Reading, done: 0, of: length }));
+        let (watched, _) = read_cloud("town.laz", &mut source, &Settings::default().proxy, None).unwrap();
+        assert_eq!(watched, cloud(&bytes).unwrap().0);
+        assert_eq!(stop.progress(), Some(Counted { part: Part::Reading, done: length, of: length }));
+        assert_eq!(stop.progress().unwrap().told(), [length / 1000, length.div_ceil(1000)]);
     }
 }
 

@@ -109,7 +109,7 @@ export class Charts {
         const highest = most ?? Math.max(1e-6, ...lines.flat().map((point) => point[1])) * 1.06;
         const y = (value) => top + ROW.height * (1 - Math.max(value, 0) / highest);
         const row = element('g', {});
-        const under = title === 'Height' && this.flights[0].scene.hasHills ? 'm over lowest' : unit;
+        const under = title === 'Height' && this.flights[0].scene.terrain ? 'm over lowest' : unit;
         row.append(element('line', { class: 'base', x1: GUTTER.left, x2: GUTTER.left + this.inner, y1: top + ROW.height, y2: top + ROW.height }));
         row.append(element('text', { class: 'title', x: 0, y: top + 14 }, title));
         row.append(element('text', { class: 'unit', x: 0, y: top + 29 }, under));

@@ -53,7 +53,7 @@ timeline.describe = (time) => {
     const drone = droneAt(shown(), time);
     const captured = capturedPercent(shown(), time);
     const covered = captured === null ? '' : `, ${captured.toFixed(1)} percent captured`;
-    const height = `${drone.position[2].toFixed(0)} metres ${shown().scene.hasHills ? 'above the lowest ground' : 'high'}`;
+    const height = `${drone.position[2].toFixed(0)} metres ${shown().scene.terrain ? 'above the lowest ground' : 'high'}`;
     return `${clockText(time)}: ${height}, ${drone.speed.toFixed(1)} metres per second${covered}`;
 };
 const layers = new Layers(state, (key) => {
@@ -129,7 +129,7 @@ function allow() {
         hasCoverage: model.flights.every((flight) => flight.coverage),
         canDiffer: model.flights.length > 1 && whyApart(model.flights) === null,
         hasZones: scene.zones.length > 0,
-        hasCeiling: Boolean(scene.ceiling_m) && !scene.hasHills,
+        hasCeiling: Boolean(scene.ceiling_m) && !scene.terrain,
     });
 }
 

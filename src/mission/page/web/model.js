@@ -47,7 +47,7 @@ function sceneOf(scene) {
     const zones = scene.zones.map((zone) => ({ ...zone, area: floats(zone.area) }));
     const ground = structures.find((one) => one.kind === 'terrain');
     const terrain = ground?.count > 0 ? ground : undefined;
-    return { ...scene, raw: scene, corners, triangles, structures, zones, hasHills: ground !== undefined, terrain };
+    return { ...scene, raw: scene, corners, triangles, structures, zones, terrain };
 }
 
 export function boxOf(corners, indices) {

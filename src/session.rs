@@ -128,6 +128,10 @@ impl Session {
             return Err(no_free_space(&self.scene, &free, &self.pins.lattice));
         }
         check(stop)?;
+        let (cells, viewpoints) = rayon::join(
+            || reached.iter().map(|&index| sites[index].cell).collect(),
+            || reached.iter().map(|&index| sites[index].viewpoint).collect(),
+        );
         Ok(Survey {
             scene: Arc::clone(&self.scene),
             revision: self.revision,
@@ -138,8 +142,8 @@ impl Session {
             disks: Arc::clone(&self.disks),
             free: Arc::new(free),
             samples: Samples::new(samples, self.scene.structures.len()),
-            cells: reached.iter().map(|&index| sites[index].cell).collect(),
-            viewpoints: reached.iter().map(|&index| sites[index].viewpoint).collect(),
+            cells,
+            viewpoints,
             sites,
             earlier,
         })

@@ -38,6 +38,9 @@ impl FieldInputs<'_> {
     }
 }
 
+/// Rows that a worker writes at once, at least.
+const LEAST_ROWS: usize = 4096;
+
 /// Distances are taken for so much larger, m, that rounding decides nothing.
 pub const SLACK_M: f64 = 1e-3;
 
@@ -101,7 +104,7 @@ pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], v
     for (cells, union) in table.ceilings.iter_mut().zip(&visibility.unions) {
         *cells = union.count_ones() as u16;
     }
-    let mut first_patch = 0;
+    let (mut first_patch, mut places) = (0, vec![[0; 2]; inputs.viewpoints.len()]);
     for (number, (tile, segment)) in tiles.iter().zip(&visibility.segments).enumerate() {
         let patches = &visibility.patches[number];
         table.patches[first_patch..][..patches.len()].copy_from_slice(patches);
@@ -113,12 +116,12 @@ pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], v
             reserved: 0,
         };
         first_patch += patches.len();
-        for (row, &j) in (0..).zip(&tile.viewpoints) {
-            let Viewpoint { position, clearance_m } = inputs.viewpoints[j as usize];
-            table.viewpoints[j as usize] =
-                ViewpointRow { position_m: position.coords.into(), clearance_m, tile: number as u32, row };
-        }
+        (0..).zip(&tile.viewpoints).for_each(|(row, &j)| places[j as usize] = [number as u32, row]);
     }
+    let rows = table.viewpoints.par_iter_mut().zip(inputs.viewpoints).zip(places).with_min_len(LEAST_ROWS);
+    rows.for_each(|((row, &Viewpoint { position, clearance_m }), [tile, place])| {
+        *row = ViewpointRow { position_m: position.coords.into(), clearance_m, tile, row: place };
+    });
 }
 
 /// Writes structures, zones and ground, with their outlines and names.

@@ -33,12 +33,12 @@ pub struct Tile {
 /// All tiles that have viewpoints, by their keys. `cells` are those of the viewpoints of a lattice with such a spacing, in order.
 pub fn tiles(cells: &[Cell], viewpoints: &[Viewpoint], spacing_m: f64) -> Vec<Tile> {
     let columns = (EDGE_M / spacing_m).round().max(1.0) as i64;
-    let key = |[x, y, _]: Cell| [x.div_euclid(columns), y.div_euclid(columns)];
     let mut members: BTreeMap<[i64; 2], Vec<u32>> = BTreeMap::new();
     let mut start = 0;
-    for run in cells.chunk_by(|a, b| key(*a) == key(*b)) {
-        members.entry(key(run[0])).or_default().extend(start..start + run.len() as u32);
-        start += run.len() as u32;
+    for column in cells.chunk_by(|a, b| a[..2] == b[..2]) {
+        let key = [column[0][0], column[0][1]].map(|place| place.div_euclid(columns));
+        members.entry(key).or_default().extend(start..start + column.len() as u32);
+        start += column.len() as u32;
     }
     let tile = |(key, members): ([i64; 2], Vec<u32>)| {
         let bounds = Bounds::of_points(members.iter().map(|&j| viewpoints[j as usize].position))?;

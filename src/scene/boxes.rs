@@ -172,7 +172,11 @@ mod tests {
             let order: Vec<u32> = (0..corners.len() as u32).rev().collect();
             let tree = Boxes::new(order, |leaf| corners[leaf]);
             let met = RefCell::new(Vec::new());
-            prop_assert!(!tree.any(&Beam::new(&a, &b, distance_m), |leaf| { met.borrow_mut().push(leaf); false }));
+            let found = tree.any(&Beam::new(&a, &b, distance_m), |leaf| {
+                met.borrow_mut().push(leaf);
+                false
+            });
+            prop_assert!(!found);
             let mut met = met.into_inner();
             met.sort_unstable();
             let within = |by_m: f64| (0..corners.len()).filter(|&leaf| meets(&corners[leaf], &a, &b, by_m)).collect::<Vec<_>>();
@@ -181,9 +185,13 @@ mod tests {
             prop_assert!(met.iter().all(|leaf| near.binary_search(leaf).is_ok()), "{met:?}");
             // It ends with the first one that is what is looked for.
             if let Some(&wanted) = met.first() {
-                let asked = std::cell::Cell::new(0);
-                prop_assert!(tree.any(&Beam::new(&a, &b, distance_m), |leaf| { asked.set(asked.get() + 1); leaf == wanted }));
-                prop_assert!(asked.get() <= met.len());
+                let asked = RefCell::new(Vec::new());
+                let found = tree.any(&Beam::new(&a, &b, distance_m), |leaf| {
+                    asked.borrow_mut().push(leaf);
+                    leaf == wanted
+                });
+                prop_assert!(found);
+                prop_assert_eq!(asked.into_inner().last().copied(), Some(wanted));
             }
         }
     }

@@ -109,8 +109,9 @@ impl Eight {
         for axis in 0..3 {
             let low = (f32x8::from(self.low[axis]) - beam.up[axis]) * beam.inverse[axis];
             let high = (f32x8::from(self.high[axis]) - beam.down[axis]) * beam.inverse[axis];
-            enter = enter.fast_max(low.fast_min(high));
-            leave = leave.fast_min(low.fast_max(high));
+            // The bounds come last: where a side gives no number, they stay what they were.
+            enter = low.fast_min(high).fast_max(enter);
+            leave = low.fast_max(high).fast_min(leave);
         }
         enter.simd_le(leave).to_bitmask()
     }
@@ -128,6 +129,7 @@ fn around(boxes: &[[[f32; 3]; 2]]) -> [[f32; 3]; 2] {
 mod tests {
     use std::cell::RefCell;
 
+    use nalgebra::Vector3;
     use proptest::prelude::*;
 
     use super::*;
@@ -158,17 +160,21 @@ mod tests {
         #[test]
         fn no_box_is_passed_over_that_a_beam_meets_and_hardly_any_other_is_looked_at(
             boxes in proptest::collection::vec((place(), [0.0..6.0f64, 0.0..6.0, 0.0..6.0]), 0..600), a in place(), b in place(),
-            flat in 0..8usize, distance_m in prop_oneof![Just(0.0), 0.0..8.0f64], shift_m in prop_oneof![Just(0.0), 0.0..20_000.0f64],
+            touching in proptest::collection::vec((0.0..1.0f64, 0..3usize), 0..40), flat in 0..8usize, distance_m in prop_oneof![Just(0.0), 0.0..8.0f64], shift_m in prop_oneof![Just(0.0), 0.0..20_000.0f64],
         ) {
             // Far from the origin too, where single precision is coarse; along the axes; and a mere point.
             let moved = |p: [f64; 3]| Point3::new(p[0] + shift_m, p[1] - shift_m, p[2]);
             let (a, mut b) = (moved(a), moved(b));
             (0..3).filter(|axis| flat >> axis & 1 == 1).for_each(|axis| b[axis] = a[axis]);
-            let corners: Vec<[[f32; 3]; 2]> = boxes.iter().map(|(low, size)| {
-                let low = moved(*low);
-                let high = low + nalgebra::Vector3::from(*size);
-                [low, high].map(|corner| [corner.x as f32, corner.y as f32, corner.z as f32])
-            }).collect();
+            let boxes = boxes.iter().map(|(low, size)| [moved(*low), moved(*low) + Vector3::from(*size)]);
+            // Boxes that begin just where the beam ends.
+            let beside = touching.iter().map(|&(share, axis)| {
+                let mut low = a + (b - a) * share - Vector3::repeat(2.0);
+                low[axis] += 2.0 + distance_m;
+                [low, low + Vector3::repeat(4.0)]
+            });
+            let single = |corner: Point3<f64>| [corner.x as f32, corner.y as f32, corner.z as f32];
+            let corners: Vec<[[f32; 3]; 2]> = boxes.chain(beside).map(|corners| corners.map(single)).collect();
             let order: Vec<u32> = (0..corners.len() as u32).rev().collect();
             let tree = Boxes::new(order, |leaf| corners[leaf]);
             let met = RefCell::new(Vec::new());

@@ -83,7 +83,7 @@ impl Session {
         self.check_size(&free, stop)?;
         let samples = self.sampler.sample(&self.scene, stop).ok_or(FieldError::Stopped)?;
         let sites = field::sites(&free, &self.pins.lattice, stop).ok_or(FieldError::Stopped)?;
-        let outlines = Outlines::new(&self.scene);
+        let outlines = Outlines::new(&self.scene, free.zones());
         self.surveyed(free, samples, sites, outlines, None, stop)
     }
 
@@ -100,7 +100,7 @@ impl Session {
             || field::sites_after(&free, &self.pins.lattice, &footing.sites, &earlier.free, &differences, stop),
         );
         let (samples, sites) = samples.zip(sites).ok_or(FieldError::Stopped)?;
-        let outlines = Outlines::after(&footing.outlines, &self.scene, &differences);
+        let outlines = Outlines::after(&footing.outlines, &self.scene, free.zones(), &differences);
         self.surveyed(free, samples, sites, outlines, Some((earlier.clone(), differences)), stop)
     }
 
@@ -128,10 +128,6 @@ impl Session {
             return Err(no_free_space(&self.scene, &free, &self.pins.lattice));
         }
         check(stop)?;
-        let (cells, viewpoints) = rayon::join(
-            || reached.iter().map(|&index| sites[index].cell).collect(),
-            || reached.iter().map(|&index| sites[index].viewpoint).collect(),
-        );
         Ok(Survey {
             scene: Arc::clone(&self.scene),
             revision: self.revision,
@@ -142,8 +138,8 @@ impl Session {
             disks: Arc::clone(&self.disks),
             free: Arc::new(free),
             samples: Samples::new(samples, self.scene.structures.len()),
-            cells,
-            viewpoints,
+            cells: reached.iter().map(|&index| sites[index].cell).collect(),
+            viewpoints: reached.iter().map(|&index| sites[index].viewpoint).collect(),
             sites,
             earlier,
         })

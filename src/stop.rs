@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 
 /// A part of the work whose steps are counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Part {
     /// Reading a file, in bytes.
+    #[default]
     Reading,
     /// Sampling surfaces and placing viewpoints, in structures and in columns of the lattice: each of several passes by itself.
     Survey,
@@ -15,11 +16,16 @@ pub enum Part {
     Rays,
 }
 
+impl Part {
+    const ALL: [Self; 3] = [Self::Reading, Self::Survey, Self::Rays];
+}
+
 /// How far a part of the work has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counted {
     pub part: Part,
     pub done: u64,
+    /// 0 while it is not known how many steps there are.
     pub of: u64,
 }
 
@@ -85,7 +91,7 @@ impl StopToken {
         self.state.asked.load(Ordering::Relaxed) == ABANDONED
     }
 
-    /// Work of so many equal steps begins.
+    /// Work of so many equal steps begins, of 0 if that is not known yet.
     pub fn begin(&self, part: Part, steps: u64) {
         self.state.part.store(part as u8, Ordering::Relaxed);
         self.state.done.store(0, Ordering::Relaxed);
@@ -97,12 +103,10 @@ impl StopToken {
         self.state.done.fetch_add(steps, Ordering::Relaxed);
     }
 
-    /// How far the work has come that began last; `None` before any did.
-    pub fn progress(&self) -> Option<Counted> {
+    /// How far the work has come that began last.
+    pub fn progress(&self) -> Counted {
         let [done, of] = [&self.state.done, &self.state.of].map(|steps| steps.load(Ordering::Relaxed));
-        let part = self.state.part.load(Ordering::Relaxed);
-        let part = [Part::Reading, Part::Survey, Part::Rays].into_iter().find(|one| *one as u8 == part)?;
-        (of > 0).then_some(Counted { part, done: done.min(of), of })
+        Counted { part: Part::ALL[usize::from(self.state.part.load(Ordering::Relaxed))], done: done.min(of), of }
     }
 }
 

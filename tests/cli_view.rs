@@ -133,6 +133,29 @@ fn samples(surface: &Value) -> HashSet<[u32; 3]> {
 }
 
 #[test]
+fn directions_that_come_back_rounded_do_not_make_another_plan_of_it() {
+    let place = Place::new();
+    let scene = place.scene();
+    planned(&place, &scene, "out", &["--rig", "phantom4-rtk"]);
+    std::fs::rename(place.path(&scene), place.path("moved.geojson")).unwrap();
+    let viewed = |page: &str| {
+        std::fs::write(place.path("out/plan.html"), page).unwrap();
+        place.json(&["view", "out/plan.json", "--no-open"]);
+        place.read("out/plan.html") == page.as_bytes()
+    };
+    let page = String::from_utf8(place.read("out/plan.html")).unwrap();
+    // The first six bits of an array are the last ones of its first number.
+    let changed = |array: &str| {
+        let images = page.find("\"images\":{").unwrap();
+        let begins = images + page[images..].find(array).unwrap() + array.len();
+        let other = if page[begins..].starts_with('B') { "C" } else { "B" };
+        format!("{}{other}{}", &page[..begins], &page[begins + 1..])
+    };
+    assert!(viewed(&changed("\"directions\":\"")));
+    assert!(!viewed(&changed("\"times_s\":\"")), "the page of another flight is made anew");
+}
+
+#[test]
 fn two_plans_share_a_page_and_their_scene_where_it_is_the_same() {
     let place = Place::new();
     let scene = place.scene();

@@ -11,13 +11,13 @@ use super::arguments::BoundArgs;
 use super::failure::Failure;
 use super::interrupt::Interrupts;
 use super::outputs::Folder;
-use super::progress::{Meter, READING};
+use super::progress::Meter;
 use super::{in_process, rig_file, settings_file};
 use crate::bound::{self, Bound, BoundError, Ended, Progress};
 use crate::camera::Cameras;
 use crate::search::Problem;
 use crate::session::FieldError;
-use crate::stop::StopToken;
+use crate::stop::{Part, StopToken};
 
 pub fn run(arguments: &BoundArgs, form: Form) -> Result<Answer, Failure> {
     let rig = rig_file::read(&arguments.rig)?.rig;
@@ -35,7 +35,7 @@ pub fn run(arguments: &BoundArgs, form: Form) -> Result<Answer, Failure> {
     let stopper = stop.clone();
     let interrupts =
         Interrupts::announced(form, "stopping: the best bound so far follows; Ctrl-C again ends at once", move || stopper.stop());
-    meter.stage(READING);
+    meter.begin(Part::Reading);
     let (scene, _) = in_process::read_scene(&arguments.file, &settings)?;
     let name = scene.name.clone();
     let snapshot = in_process::build_field(scene, &settings, &stop, &mut meter).map_err(|failure| match failure {

@@ -11,14 +11,14 @@ use super::failure::Failure;
 use super::in_process::OwnedFiles;
 use super::interrupt::Interrupts;
 use super::outputs::Folder;
-use super::progress::{Meter, READING, SURVEYING};
+use super::progress::Meter;
 use super::{bounded_file, in_process, settings_file};
 use crate::mission::quality_json::{self, Report};
 use crate::mission::{plan_read, svg};
 use crate::quality::{self, COMPLETENESS_M, Flown, Quality, Summary, Truth, Which};
 use crate::session::FieldError;
 use crate::settings::Settings;
-use crate::stop::StopToken;
+use crate::stop::{Part, StopToken};
 use crate::trajectory::plan::{Plan, sight_scale};
 
 /// A larger file is no plan: a million images take half of it.
@@ -95,11 +95,11 @@ fn assess(
     mut meter: Meter,
 ) -> Result<Assessed, Failure> {
     meter.keep_moving();
-    meter.stage(READING);
+    meter.begin(Part::Reading);
     let (scene, _) = in_process::read_scene_files(&truth_files.borrowed(), settings)?;
     let plan = quality::carried(given, &scene)?;
     quality::check_reach(&plan, &scene, settings.coverage.range_m)?;
-    meter.stage(SURVEYING);
+    meter.begin(Part::Survey);
     let truth = Truth::new(scene, settings, stop).map_err(interrupted)?;
     let shots = quality::shots(&plan, which);
     meter.stage(&format!("casting the rays of {} images to {} samples", shots.len(), truth.samples().len()));

@@ -13,13 +13,14 @@ use super::arguments::OrderArgs;
 use super::bounded_file;
 use super::en_route::Flown;
 use super::failure::Failure;
-use super::progress::{CASTING, Meter, READING, SURVEYING};
+use super::progress::Meter;
 use crate::camera::{Rig, direction_of};
 use crate::planner::{self, Conduct, Method, Objective, PlanOptions, StopToken};
 use crate::scene::anchor::Anchor;
 use crate::scene::{self, GroundFile, ImportReport, Scene, Watched};
 use crate::session::{FieldError, Session, Snapshot};
 use crate::settings::Settings;
+use crate::stop::Part;
 use crate::trajectory::evaluate::Sightings;
 use crate::trajectory::plan::{Plan, RunTimes};
 
@@ -147,7 +148,7 @@ pub fn plan_file(
     meter: &mut Meter,
 ) -> Result<Planned, Failure> {
     let started = Instant::now();
-    let (scene, report) = meter.while_counting(READING, stop, || read_in_frame(files, settings, None, stop))?;
+    let (scene, report) = meter.while_counting(Part::Reading, stop, || read_in_frame(files, settings, None, stop))?;
     if stop.is_stopped() {
         return Err(Failure::Interrupted);
     }
@@ -183,14 +184,14 @@ pub fn plan_file(
 
 /// Samples a scene and builds its field.
 pub fn build_field(scene: Scene, settings: &Arc<Settings>, stop: &StopToken, meter: &mut Meter) -> Result<Snapshot, Failure> {
-    let session = meter.while_counting(SURVEYING, stop, || Session::new(scene, Arc::clone(settings), stop))?;
+    let session = meter.while_counting(Part::Survey, stop, || Session::new(scene, Arc::clone(settings), stop))?;
     field_of(&session, stop, meter)
 }
 
 /// The field of a session's scene.
 pub fn field_of(session: &Session, stop: &StopToken, meter: &mut Meter) -> Result<Snapshot, Failure> {
-    let survey = meter.while_counting(SURVEYING, stop, || session.survey(stop))?;
-    Ok(meter.while_counting(CASTING, stop, || survey.into_snapshot(stop))?)
+    let survey = meter.while_counting(Part::Survey, stop, || session.survey(stop))?;
+    Ok(meter.while_counting(Part::Rays, stop, || survey.into_snapshot(stop))?)
 }
 
 /// What the command line asks of the planner.

@@ -8,11 +8,11 @@ use super::failure::Failure;
 use super::import_lines;
 use super::in_process::SceneFiles;
 use super::outputs::Folder;
-use super::progress::{Meter, READING};
+use super::progress::Meter;
 use super::{in_process, settings_file};
 use crate::mission::svg::scene_view;
-use crate::planner::StopToken;
 use crate::scene::{ImportReport, Meaning, Scene, Shape};
+use crate::stop::{Part, StopToken};
 
 /// Items of a kind that are printed unless all are wanted.
 const FIRST_ITEMS: usize = 5;
@@ -24,7 +24,8 @@ pub fn run(arguments: &InspectArgs, form: Form) -> Result<Answer, Failure> {
     meter.keep_moving();
     let files = SceneFiles { scene: &arguments.file, ground: arguments.read.dtm.as_deref() };
     let stop = StopToken::default();
-    let (scene, report) = meter.while_counting(READING, &stop, || in_process::read_in_frame(&files, &settings, None, &stop))?;
+    let (scene, report) =
+        meter.while_counting(Part::Reading, &stop, || in_process::read_in_frame(&files, &settings, None, &stop))?;
     drop(meter);
     let mut object = json!({
         "scene": scene.name,

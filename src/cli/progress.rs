@@ -19,12 +19,6 @@ const PARTS: u64 = 1000;
 /// Before so much of the work is done nobody knows how long the rest takes.
 const LEAST_SHARE: f64 = 0.02;
 
-/// Work as it is called before it is known how long it takes.
-pub const READING: &str = "reading the scene";
-pub const SURVEYING: &str = "sampling the surface";
-pub const CASTING: &str = "casting the rays of the field";
-const SEARCH: &str = "search";
-
 /// A line that shows how far the work has come; it vanishes at the end.
 pub struct Meter {
     bar: ProgressBar,
@@ -35,11 +29,10 @@ pub struct Meter {
     budget_s: Option<f64>,
 }
 
-/// A part of the work, its steps, and when their counting began.
-#[derive(Clone, Copy)]
+/// A pass of a part of the work, how many steps of it are done, and when their counting began.
 struct Counting {
     part: &'static str,
-    of: u64,
+    done: u64,
     begun: Instant,
 }
 
@@ -80,14 +73,24 @@ impl Meter {
         self.bar.tick();
     }
 
+    /// A part of the work has begun whose steps are not counted yet, or are not shown.
+    pub fn begin(&mut self, part: Part) {
+        self.stage(match part {
+            Part::Reading => "reading the scene",
+            Part::Survey => "sampling the surface",
+            Part::Rays => "casting the rays of the field",
+        });
+    }
+
     /// Iterations that the search was to make, as soon as it has spoken.
     pub fn asked(&self) -> Option<u32> {
         self.asked
     }
 
     /// Does work that counts its steps in `stop`, and shows them meanwhile.
-    pub fn while_counting<T: Send>(&mut self, name: &str, stop: &StopToken, work: impl FnOnce() -> T + Send) -> T {
-        self.stage(name);
+    pub fn while_counting<T: Send>(&mut self, part: Part, stop: &StopToken, work: impl FnOnce() -> T + Send) -> T {
+        stop.begin(part, 0);
+        self.begin(part);
         if self.bar.is_hidden() {
             return work();
         }
@@ -98,7 +101,8 @@ impl Meter {
                 work()
             });
             while is_over.recv_timeout(2 * REDRAW) == Err(RecvTimeoutError::Timeout) {
-                stop.progress().into_iter().for_each(|counted| self.show_part(counted.part, counted.told()));
+                let counted = stop.progress();
+                self.show_part(counted.part, counted.told());
             }
             working.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         })
@@ -111,19 +115,19 @@ impl Meter {
 
     /// A word of the daemon.
     pub fn note(&mut self, note: &ProgressNote) {
-        let steps = [note.done.into(), note.of.into()];
-        match note.stage {
-            Stage::Read if note.of == 0 => self.stage(READING),
-            Stage::Read => self.show_part(Part::Reading, steps),
-            Stage::Survey if note.of == 0 => self.stage(SURVEYING),
-            Stage::Survey => self.show_part(Part::Survey, steps),
-            Stage::Field if note.of == 0 => self.stage(CASTING),
-            Stage::Field => self.show_part(Part::Rays, steps),
-            Stage::Search => self.show_search(note.done, note.of, note.coverage_percent, note.length_m),
-        }
+        let part = match note.stage {
+            Stage::Read => Part::Reading,
+            Stage::Survey => Part::Survey,
+            Stage::Field => Part::Rays,
+            Stage::Search => return self.show_search(note.done, note.of, note.coverage_percent, note.length_m),
+        };
+        self.show_part(part, [note.done.into(), note.of.into()]);
     }
 
     fn show_part(&mut self, part: Part, [done, of]: [u64; 2]) {
+        if of == 0 {
+            return self.begin(part);
+        }
         let (name, unit) = match part {
             Part::Reading => ("reading", "kB"),
             Part::Survey => ("survey", "parts"),
@@ -136,12 +140,11 @@ impl Meter {
         self.asked = Some(of);
         let steps = Steps { done: done.into(), of: of.into(), unit: "iterations" };
         let found = format!(", {coverage_percent:.1} % of capturable, {length_m:.0} m");
-        self.show(SEARCH, steps, &found, self.budget_s);
+        self.show("search", steps, &found, self.budget_s);
     }
 
     fn show(&mut self, part: &'static str, steps: Steps, found: &str, budget_s: Option<f64>) {
-        // Another pass of the same part has another number of steps; how many rounds a search has may be decided on its way.
-        let is_new = self.counted.is_none_or(|counted| counted.part != part || counted.of != steps.of && part != SEARCH);
+        let is_new = self.counted.as_mut().is_none_or(|counted| !counted.goes_on(part, steps.done));
         if self.bar.is_hidden() || !is_new && self.shown.is_some_and(|shown| shown.elapsed() < REDRAW) {
             return;
         }
@@ -150,12 +153,20 @@ impl Meter {
             self.bar.set_style(style(BAR));
             self.bar.set_prefix(part);
             self.bar.set_length(PARTS);
-            self.counted = self.shown.map(|begun| Counting { part, of: steps.of, begun });
+            self.counted = self.shown.map(|begun| Counting { part, done: steps.done, begun });
         }
-        let elapsed_s = self.counted.map_or(0.0, |counted| counted.begun.elapsed().as_secs_f64());
+        let elapsed_s = self.counted.as_ref().map_or(0.0, |counted| counted.begun.elapsed().as_secs_f64());
         let (share, words) = steps.told(elapsed_s, budget_s);
         self.bar.set_position((share * PARTS as f64) as u64);
         self.bar.set_message(words + found);
+    }
+}
+
+impl Counting {
+    /// Whether more steps of the same pass are done; each pass of a part begins with none.
+    fn goes_on(&mut self, part: &str, done: u64) -> bool {
+        let before = std::mem::replace(&mut self.done, done);
+        self.part == part && before <= done
     }
 }
 
@@ -217,6 +228,14 @@ mod tests {
         assert_eq!(told(12, unknown, 2.5, Some(10.0)), (0.25, "12 iterations, 8 s left".into()));
         assert_eq!(told(90, 100, 6.0, Some(10.0)), (0.9, "90/100 iterations, 4 s left".into()));
         assert_eq!(told(99, 100, 11.0, Some(10.0)), (1.0, "99/100 iterations, 0 s left".into()));
+    }
+
+    #[test]
+    fn a_new_pass_is_told_from_the_one_before() {
+        let mut counting = Counting { part: "survey", done: 3, begun: Instant::now() };
+        assert_eq!([5, 5, 7].map(|done| counting.goes_on("survey", done)), [true; 3]);
+        assert!(!counting.goes_on("survey", 1), "it has begun anew");
+        assert!(counting.goes_on("survey", 2) && !counting.goes_on("field", 2));
     }
 
     #[test]

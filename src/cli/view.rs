@@ -14,7 +14,7 @@ use super::failure::Failure;
 use super::in_process::{self, OwnedFiles};
 use super::interrupt::Interrupts;
 use super::pages::{self, Shown};
-use super::progress::{Meter, READING};
+use super::progress::Meter;
 use super::{browser, flown_scene, settings_file};
 use crate::camera::Rig;
 use crate::frame::LocalFrame;
@@ -24,7 +24,7 @@ use crate::scene::anchor::Anchor;
 use crate::scene::{ImportError, ImportReport, Scene};
 use crate::session::{Session, Snapshot};
 use crate::settings::Settings;
-use crate::stop::StopToken;
+use crate::stop::{Part, StopToken};
 use crate::trajectory::plan::{Plan, SceneStamp, sight_scale};
 
 /// Shares of captured surface that differ by more than this are worth a word, percent.
@@ -185,7 +185,7 @@ impl Viewer<'_> {
             return Ok((known.snapshot.clone(), Samples::Own));
         }
         self.meter.keep_moving();
-        self.meter.stage(READING);
+        self.meter.begin(Part::Reading);
         let (scene, report) = self.read(files, settings)?;
         let samples = match &self.known {
             None => Samples::Own,

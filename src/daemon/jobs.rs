@@ -165,9 +165,8 @@ impl Workshop {
     /// Reads a scene file; with an anchor in the frame of a scene that was read before.
     pub fn read(&self, assignment: Assignment, source: FileSource, settings: Arc<Settings>, anchor: Option<Anchor>) {
         self.spawn(assignment, move |workshop, assignment| {
-            workshop.note(assignment, Stage::Read, [0, 0]);
             let max_bytes = settings.daemon.max_scene_mb.saturating_mul(1_000_000);
-            let read = workshop.tell_while(assignment, || match source {
+            let read = workshop.tell_while(assignment, Part::Reading, || match source {
                 FileSource::Path { path, ground } => {
                     scene_file::read_path(&path, ground.as_deref(), max_bytes, &settings.proxy, anchor.as_ref(), &assignment.stop)
                 }
@@ -196,11 +195,8 @@ impl Workshop {
         let stop = &assignment.stop;
         // After most edits the field stands before anybody could read how far it has come, and whoever tells of it takes processor from it.
         let is_anew = matches!(source, FieldSource::Scene(..));
-        if is_anew {
-            self.note(assignment, Stage::Survey, [0, 0]);
-        }
         let (session, survey) = match source {
-            FieldSource::Scene(scene, settings) => self.tell_while(assignment, || {
+            FieldSource::Scene(scene, settings) => self.tell_while(assignment, Part::Survey, || {
                 let session = Session::new(*scene, settings, stop)?;
                 let survey = session.survey(stop)?;
                 Ok::<_, Failure>((session, survey))
@@ -211,13 +207,10 @@ impl Workshop {
             }
         };
         let is_told = is_anew || started.elapsed() >= FIELD_NOTE_GAP;
-        if is_told {
-            self.note(assignment, Stage::Field, [0, 0]);
-        }
         let reserve = |count: usize| self.budget.reserve((count * Block::BYTES) as u64);
         let place = |count: usize, write: &dyn Fn(&mut [Block])| Ok(channel.segment(count, reserve(count)?, write)?);
         let build = || survey.build::<Failure>(&place, stop);
-        let findings = if is_told { self.tell_while(assignment, build) } else { build() }?;
+        let findings = if is_told { self.tell_while(assignment, Part::Rays, build) } else { build() }?;
         let count = findings.blocks();
         let filled = channel.fill(count, reserve(count)?, |blocks| findings.write(blocks))?;
         if stop.is_stopped() {
@@ -298,19 +291,15 @@ impl Workshop {
         }
     }
 
-    /// Tells again and again how far `work` has come.
-    fn tell_while<T>(&self, assignment: &Assignment, work: impl FnOnce() -> T) -> T {
+    /// Tells that `work` on a part begins, and again and again how far it has come.
+    fn tell_while<T>(&self, assignment: &Assignment, part: Part, work: impl FnOnce() -> T) -> T {
+        assignment.stop.begin(part, 0);
+        self.note(assignment);
         let (at_work, is_over) = mpsc::channel::<Infallible>();
         std::thread::scope(|scope| {
             let tell = move || {
                 while is_over.recv_timeout(FIELD_NOTE_GAP) == Err(RecvTimeoutError::Timeout) {
-                    let Some(counted) = assignment.stop.progress() else { continue };
-                    let stage = match counted.part {
-                        Part::Reading => Stage::Read,
-                        Part::Survey => Stage::Survey,
-                        Part::Rays => Stage::Field,
-                    };
-                    self.note(assignment, stage, counted.told().map(|steps| u32::try_from(steps).unwrap_or(u32::MAX)));
+                    self.note(assignment);
                 }
             };
             // Without a thread for it nobody is told.
@@ -321,7 +310,15 @@ impl Workshop {
         })
     }
 
-    fn note(&self, assignment: &Assignment, stage: Stage, [done, of]: [u32; 2]) {
+    /// Tells how far the counted part of the work has come.
+    fn note(&self, assignment: &Assignment) {
+        let counted = assignment.stop.progress();
+        let stage = match counted.part {
+            Part::Reading => Stage::Read,
+            Part::Survey => Stage::Survey,
+            Part::Rays => Stage::Field,
+        };
+        let [done, of] = counted.told().map(|steps| u32::try_from(steps).unwrap_or(u32::MAX));
         let elapsed_s = assignment.taken_up.elapsed().as_secs_f64();
         let note = ProgressNote { stage, done, of, coverage_percent: 0.0, length_m: 0.0, objective: 0.0, elapsed_s };
         self.post(assignment, NewsKind::Progress(note));

@@ -38,41 +38,42 @@ impl FieldInputs<'_> {
     }
 }
 
-/// Rows that a worker writes at once, at least.
-const LEAST_ROWS: usize = 4096;
-
 /// Distances are taken for so much larger, m, that rounding decides nothing.
 pub const SLACK_M: f64 = 1e-3;
 
-/// The rings of every structure seen from above, without the repeated last corner.
+/// The rings of every structure and of every no-fly zone seen from above, without the repeated last corner.
 #[derive(Debug)]
-pub struct Outlines(Vec<Arc<Vec<Vec<Coord>>>>);
+pub struct Outlines {
+    structures: Vec<Arc<Vec<Vec<Coord>>>>,
+    zones: Vec<Vec<Vec<Coord>>>,
+}
 
 impl Outlines {
     /// Casts the shadows of all structures, in parallel: that of a mesh is a union of its triangles.
-    pub fn new(scene: &Scene) -> Self {
-        Self(scene.structures.par_iter().map(|structure| Arc::new(rings(structure))).collect())
+    pub fn new(scene: &Scene, zones: &[NoFlyZone]) -> Self {
+        let structures = scene.structures.par_iter().map(|structure| Arc::new(rings(structure))).collect();
+        Self { structures, zones: zones.iter().map(zone_rings).collect() }
     }
 
     /// The same of a scene that differs from an earlier one with the outlines `before`.
-    pub fn after(before: &Self, scene: &Scene, differences: &Differences) -> Self {
+    pub fn after(before: &Self, scene: &Scene, zones: &[NoFlyZone], differences: &Differences) -> Self {
         let of_structure = |(structure, kept): (&Arc<Structure>, &Option<usize>)| match kept {
-            Some(old) => Arc::clone(&before.0[*old]),
+            Some(old) => Arc::clone(&before.structures[*old]),
             None => Arc::new(rings(structure)),
         };
-        Self(scene.structures.iter().zip(&differences.kept).map(of_structure).collect())
+        let structures = scene.structures.iter().zip(&differences.kept).map(of_structure).collect();
+        Self { structures, zones: zones.iter().map(zone_rings).collect() }
     }
 
     /// The rings of structure `index` of the scene, m.
     pub fn rings(&self, index: usize) -> &[Vec<Coord>] {
-        &self.0[index]
+        &self.structures[index]
     }
 }
 
 /// The size of the field's table, without tiles and patches.
 pub fn counts(scene: &Scene, outlines: &Outlines, free: &FreeSpace, samples: usize, viewpoints: usize) -> FieldCounts {
-    let zones: Vec<Vec<Vec<Coord>>> = free.zones().iter().map(zone_rings).collect();
-    let rings = || outlines.0.iter().flat_map(|rings| rings.iter()).chain(zones.iter().flatten());
+    let rings = || outlines.structures.iter().flat_map(|rings| rings.iter()).chain(outlines.zones.iter().flatten());
     let names = scene.structures.iter().map(|structure| &structure.name).chain(free.zones().iter().map(|zone| &zone.name));
     FieldCounts {
         samples,
@@ -83,7 +84,7 @@ pub fn counts(scene: &Scene, outlines: &Outlines, free: &FreeSpace, samples: usi
         rings: rings().count(),
         points: rings().map(Vec::len).sum(),
         name_bytes: names.map(String::len).sum(),
-        zones: zones.len(),
+        zones: outlines.zones.len(),
         ground: free.terrain().map_or(0, |terrain| terrain.heights_m().len()),
     }
 }
@@ -104,7 +105,7 @@ pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], v
     for (cells, union) in table.ceilings.iter_mut().zip(&visibility.unions) {
         *cells = union.count_ones() as u16;
     }
-    let (mut first_patch, mut places) = (0, vec![[0; 2]; inputs.viewpoints.len()]);
+    let mut first_patch = 0;
     for (number, (tile, segment)) in tiles.iter().zip(&visibility.segments).enumerate() {
         let patches = &visibility.patches[number];
         table.patches[first_patch..][..patches.len()].copy_from_slice(patches);
@@ -116,12 +117,12 @@ pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], v
             reserved: 0,
         };
         first_patch += patches.len();
-        (0..).zip(&tile.viewpoints).for_each(|(row, &j)| places[j as usize] = [number as u32, row]);
+        for (row, &j) in (0..).zip(&tile.viewpoints) {
+            let Viewpoint { position, clearance_m } = inputs.viewpoints[j as usize];
+            table.viewpoints[j as usize] =
+                ViewpointRow { position_m: position.coords.into(), clearance_m, tile: number as u32, row };
+        }
     }
-    let rows = table.viewpoints.par_iter_mut().zip(inputs.viewpoints).zip(places).with_min_len(LEAST_ROWS);
-    rows.for_each(|((row, &Viewpoint { position, clearance_m }), [tile, place])| {
-        *row = ViewpointRow { position_m: position.coords.into(), clearance_m, tile, row: place };
-    });
 }
 
 /// Writes structures, zones and ground, with their outlines and names.
@@ -131,11 +132,11 @@ fn write_scene(inputs: &FieldInputs, table: &mut FieldTableMut) {
     let bounds = inputs.free.structure_bounds();
     for (index, (row, structure)) in structures.iter_mut().zip(&inputs.scene.structures).enumerate() {
         let samples = inputs.samples.range(index);
-        let (rings, name) = drawn.add(&inputs.outlines.0[index], &structure.name);
+        let (rings, name) = drawn.add(&inputs.outlines.structures[index], &structure.name);
         *row = structure_row(structure, &bounds[index], [samples.start as u32, samples.len() as u32], rings, name);
     }
-    for (row, zone) in zones.iter_mut().zip(inputs.free.zones()) {
-        let ([first_ring, rings], [first_name_byte, name_bytes]) = drawn.add(&zone_rings(zone), &zone.name);
+    for ((row, zone), outline) in zones.iter_mut().zip(inputs.free.zones()).zip(&inputs.outlines.zones) {
+        let ([first_ring, rings], [first_name_byte, name_bytes]) = drawn.add(outline, &zone.name);
         let NoFlyZone { floor_m, ceiling_m, .. } = *zone;
         *row = ZoneRow { floor_m, ceiling_m, first_ring, rings, first_name_byte, name_bytes };
     }

@@ -237,13 +237,9 @@ impl Body {
 /// The hierarchy over some boxes, and the same boxes for those who only ask whether there is any.
 fn hierarchy(boxes: Vec<Aabb>) -> (Bvh, Boxes) {
     let bvh = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
-    let order = RefCell::new(Vec::with_capacity(boxes.len()));
-    any_leaf(&bvh, &|_| true, |leaf| {
-        order.borrow_mut().push(leaf as u32);
-        false
-    });
+    let order = bvh.leaves(|_| true).collect();
     let corners = |leaf: usize| [boxes[leaf].mins, boxes[leaf].maxs].map(|corner| [corner.x, corner.y, corner.z]);
-    (bvh, Boxes::new(order.into_inner(), corners))
+    (bvh, Boxes::new(order, corners))
 }
 
 /// Whether a leaf among the nodes that are met is what is looked for; ends with the first one.

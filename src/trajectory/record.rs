@@ -5,7 +5,6 @@
 
 use std::collections::HashMap;
 
-use foldhash::fast::FixedState;
 use nalgebra::{Point3, distance_squared};
 use rayon::prelude::*;
 
@@ -191,7 +190,7 @@ impl<'a> Recast<'a> {
         changes: &'a Changes,
     ) -> Self {
         let occupied = slots.iter().enumerate().filter_map(|(slot, image)| Some((place(image.as_ref()?), slot as u32)));
-        let mut known: HashMap<_, u32, FixedState> = occupied.collect();
+        let mut known: HashMap<_, u32> = occupied.collect();
         let is_same = |image: &Image, slot: u32| slots[slot as usize].is_some_and(|known| key(&known) == key(image));
         let found = |image: &Image| known.remove(&place(image)).filter(|&slot| is_same(image, slot));
         let found: Vec<Option<u32>> = images.iter().map(found).collect();

@@ -91,7 +91,7 @@ fn banner(drawn: &Drawn) -> Group {
 /// Low structures first, so that a tower stands on its podium; pale, because the samples are what matters.
 fn buildings(sheet: &Sheet, drawn: &Drawn) -> Group {
     let scene = drawn.truth.scene();
-    let outlines = Outlines::new(scene);
+    let outlines = Outlines::new(scene, &[]);
     let tops: Vec<f64> = scene.structures.iter().map(|structure| structure.bounds().max.z).collect();
     let tallest_m = tops.iter().copied().fold(1.0, f64::max);
     let mut order: Vec<usize> = (0..tops.len()).collect();

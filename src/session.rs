@@ -20,7 +20,7 @@ use crate::settings::Settings;
 use crate::stop::StopToken;
 use crate::surface::{self, Sample, Sampler, Samples, Sampling};
 
-pub use crate::field::{FieldError, FieldStorage, Findings, HeapField, Place, Snapshot, Survey};
+pub use crate::field::{Cleared, FieldError, FieldStorage, Findings, HeapField, Place, Snapshot, Survey};
 
 /// A scene with its revision and the field settings that were pinned when it was loaded.
 #[derive(Clone, Debug)]
@@ -84,15 +84,26 @@ impl Session {
         let samples = self.sampler.sample(&self.scene, stop).ok_or(FieldError::Stopped)?;
         let sites = field::sites(&free, &self.pins.lattice, stop).ok_or(FieldError::Stopped)?;
         let outlines = Outlines::new(&self.scene, free.zones());
-        self.surveyed(free, samples, sites, outlines, None, stop)
+        self.surveyed(Arc::new(free), samples, sites, outlines, None, stop)
     }
 
     /// The same, and a field that is the same bit for bit, from that of an earlier revision of this session: what the edits in between have not touched
     /// is taken over.
     pub fn survey_after(&self, earlier: &Snapshot, stop: &StopToken) -> Result<Survey, FieldError> {
+        self.survey_of(self.cleared_after(earlier, stop)?, earlier, stop)
+    }
+
+    /// What of that comes first: the free space, in which a flight can be looked at before there is a field.
+    pub fn cleared_after(&self, earlier: &Snapshot, stop: &StopToken) -> Result<Cleared, FieldError> {
         let differences = Differences::between(&earlier.scene, &self.scene);
         let free = FreeSpace::after(&earlier.free, &self.scene, &differences, &self.settings.flight)?;
         self.check_size(&free, stop)?;
+        Ok(Cleared { scene: Arc::clone(&self.scene), revision: self.revision, free: Arc::new(free), differences })
+    }
+
+    /// The rest of it.
+    pub fn survey_of(&self, cleared: Cleared, earlier: &Snapshot, stop: &StopToken) -> Result<Survey, FieldError> {
+        let Cleared { free, differences, .. } = cleared;
         let footing = &earlier.footing;
         let bounds = free.structure_bounds();
         let (samples, sites) = rayon::join(
@@ -112,7 +123,7 @@ impl Session {
 
     fn surveyed(
         &self,
-        free: FreeSpace,
+        free: Arc<FreeSpace>,
         samples: Vec<Sample>,
         sites: Vec<Site>,
         outlines: Outlines,
@@ -136,7 +147,7 @@ impl Session {
             facts: self.facts(&free),
             offset_m: self.sampler.sampling().offset_m,
             disks: Arc::clone(&self.disks),
-            free: Arc::new(free),
+            free,
             samples: Samples::new(samples, self.scene.structures.len()),
             cells: reached.iter().map(|&index| sites[index].cell).collect(),
             viewpoints: reached.iter().map(|&index| sites[index].viewpoint).collect(),

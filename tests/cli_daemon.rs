@@ -350,8 +350,11 @@ fn the_replan_bench_tells_how_long_the_first_safe_plan_takes_and_what_it_keeps()
     let small = ["--edits", "6", "--iterations", "3", "--repeat", "1", "--samples", "150", "--viewpoints", "200"];
     let answer = place.json(&[&["bench", "replan", scene.as_str()], small.as_slice()].concat());
     let steps = answer["steps"].as_array().unwrap();
-    assert_eq!(steps.len(), 6, "{answer}");
+    assert_eq!(steps.len(), 7, "{answer}");
     assert!(steps.iter().all(|row| row["max"].as_f64().unwrap() >= row["median"].as_f64().unwrap()), "{answer}");
+    // Each edit is followed by a plan that tells what it captures, and none before the one that is safe.
+    let counted = &answer["first_counted_plan_ms"];
+    assert!(steps[3]["repeats"] == 6 && counted["max"].as_f64() > answer["first_safe_plan_ms"]["max"].as_f64(), "{answer}");
     assert!(steps[..3].iter().all(|row| row["repeats"] == 2 && row["median"].as_f64().unwrap() > 0.0), "{answer}");
     assert!(answer["facts"]["least_coverage_kept_percent"].as_f64().unwrap() > 50.0, "{answer}");
     assert!(!place.path("overfly").exists());

@@ -7,6 +7,7 @@ use std::time::Duration;
 use overfly::mission::plan_table;
 use overfly::scene::{BlockSettings, generate_block, write};
 use overfly_client::{EditOrder, PlanMessage, PlanOrder, RefusalCode, SceneState, Stage};
+use overfly_table::plan::SAFE;
 use served::{PATIENCE, Served, block, endless, load, quick, refusal, wait_for};
 
 #[test]
@@ -34,13 +35,19 @@ fn one_client_plans_and_edits_while_another_watches() {
     let replan = observer.await_replan(&edited, PATIENCE, &mut |_| {}).unwrap();
     assert_eq!(replan.table().facts.revision, 2);
     assert_eq!(replan.asked_by(), (observer.id(), edited.correlation));
-    // What can still be flown comes first, and answers nobody.
+    // What can still be flown comes first, before anybody knows what it captures, then the same with that; both answer nobody.
+    let safe = watch.next(PATIENCE).unwrap().expect("the flight of before is made safe");
+    assert_eq!((safe.table().facts.revision, safe.table().facts.stop, safe.asked_by()), (2, SAFE, (0, 0)));
+    assert!(safe.table().facts.metrics.coverage_percent.is_nan() && safe.table().cells.is_empty());
     let repaired = watch.next(PATIENCE).unwrap().expect("the flight of before is repaired");
     assert_eq!((repaired.table().facts.revision, repaired.table().facts.stop, repaired.asked_by()), (2, 6, (0, 0)));
-    assert!(plan.epoch() < repaired.epoch() && repaired.epoch() < replan.epoch());
+    assert!(repaired.table().waypoints == safe.table().waypoints && repaired.table().images == safe.table().images);
+    assert_eq!(repaired.differs_from(), Some((safe.epoch(), safe.table().waypoints.len())), "nothing of it differs");
+    assert!(repaired.table().facts.metrics.coverage_percent > 0.0 && !repaired.table().cells.is_empty());
+    assert!(plan.epoch() < safe.epoch() && safe.epoch() < repaired.epoch() && repaired.epoch() < replan.epoch());
     // Each says where it leaves the one before.
     assert_eq!(plan.differs_from(), None);
-    for (earlier, later) in [(&plan, &repaired), (&repaired, &replan)] {
+    for (earlier, later) in [(&plan, &safe), (&safe, &repaired), (&repaired, &replan)] {
         let (epoch, first) = later.differs_from().expect("it follows another one");
         let [before, now] = [earlier, later].map(|plan| plan.table().waypoints.to_vec());
         assert!(epoch == earlier.epoch() && before[..first] == now[..first]);
@@ -68,10 +75,10 @@ fn better_flights_are_published_while_the_search_goes_on() {
         plans.push(watch.next(PATIENCE).unwrap().expect("a last plan"));
     }
     let stops: Vec<u64> = plans.iter().map(|plan| plan.table().facts.stop).collect();
-    assert!(stops[0] == 6 && stops.len() > 2 && stops[1..stops.len() - 1].iter().all(|stop| *stop == 7), "{stops:?}");
+    assert!(stops.len() > 3 && stops[..2] == [SAFE, 6] && stops[2..stops.len() - 1].iter().all(|stop| *stop == 7), "{stops:?}");
     assert!(plans.iter().all(|plan| plan.table().facts.revision == edited.revision));
     let figures = |plan: &PlanMessage| plan.table().facts.metrics;
-    for pair in plans[..plans.len() - 1].windows(2) {
+    for pair in plans[1..plans.len() - 1].windows(2) {
         let [before, now] = [figures(&pair[0]), figures(&pair[1])];
         assert!(
             now.profile_s < before.profile_s
@@ -103,10 +110,13 @@ fn an_edit_after_which_nothing_can_be_flown_for_is_told_to_everybody() {
     let plan = client.plan("block", &PlanOrder { region_m, ..quick() }, &mut |_| {}).unwrap();
     let watch = client.watch("block").unwrap();
     let edited = client.edit("block", &EditOrder::Remove { structure }).unwrap();
+    // The flight before can be flown, but there is nothing that it is for.
+    let safe = watch.next(PATIENCE).unwrap().expect("a flight that is safe");
+    assert!(safe.table().facts.stop == SAFE && safe.differs_from().is_some_and(|(follows, _)| follows == plan.epoch()));
     let told = watch.next(PATIENCE).unwrap().expect("everybody is told");
     assert!(told.infeasible().is_some_and(|reason| reason.contains("captured")), "{:?}", told.infeasible());
     assert_eq!((told.table().facts.revision, told.table().waypoints.len()), (edited.revision, 0));
-    assert_eq!(told.differs_from(), Some((plan.epoch(), 0)));
+    assert_eq!(told.differs_from(), Some((safe.epoch(), 0)));
     assert_eq!(refusal(client.await_replan(&edited, PATIENCE, &mut |_| {})).0, RefusalCode::Plan);
 }
 

@@ -4,17 +4,15 @@ mod support;
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use geo::polygon;
 use overfly::camera::{Pose, Rig};
 use overfly::planner::{Conduct, Made, Method, PlanOptions, Progress, StopToken, plan, replan};
-use overfly::scene::edit::Edit;
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
 use overfly::trajectory::plan::{Plan, StopReason};
 use overfly::trajectory::record::Record;
 use overfly::trajectory::safety;
 use proptest::prelude::*;
-use support::{rigs, session, small_block, small_settings, snapshot, snapshot_after};
+use support::{pillar_on, rigs, session, small_block, small_settings, snapshot, snapshot_after};
 
 fn options(rig: &Rig, rounds: u32) -> PlanOptions {
     PlanOptions { iterations: Some(rounds), ..PlanOptions::new(rig.clone(), Method::Refined, 5) }
@@ -34,17 +32,6 @@ fn planned(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions) -> (
     let expected = |k: usize| if k == 0 { StopReason::Repaired } else { StopReason::Improved };
     assert!(interim.iter().enumerate().all(|(k, plan)| plan.stop == expected(k)));
     (interim, made.plan)
-}
-
-/// A pillar around the middle of the longest leg, as far up as flights go: the flight before is not safe any more.
-fn pillar_on(plan: &Plan, number: usize) -> Edit {
-    let length = |k: &usize| (plan.waypoints[k + 1].position_m - plan.waypoints[*k].position_m).norm();
-    let longest = (0..plan.waypoints.len() - 1).max_by(|a, b| length(a).total_cmp(&length(b))).unwrap();
-    let middle = nalgebra::center(&plan.waypoints[longest].position_m, &plan.waypoints[longest + 1].position_m);
-    let (x, y) = (middle.x, middle.y);
-    let footprint =
-        polygon![(x: x - 1.0, y: y - 1.0), (x: x + 1.0, y: y - 1.0), (x: x + 1.0, y: y + 1.0), (x: x - 1.0, y: y + 1.0)];
-    Edit::add_prism(format!("pillar-{number}"), footprint, 0.0, middle.z + 1.0)
 }
 
 fn is_safe(plan: &Plan, snapshot: &Snapshot) -> bool {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use overfly_client::{Client, ClientError, Domain, PlanMessage, PlanWatch};
+use overfly_client::{Client, ClientError, Domain, PlanMessage};
 use serde_json::Value;
 
 use super::arguments::OrderArgs;
@@ -50,17 +50,6 @@ pub fn order(order: &OrderArgs, given: &GivenRig) -> overfly_client::PlanOrder {
         start_view_deg: order.look.map(|look| look.0),
         en_route: None,
         rig_file: given.text.clone(),
-    }
-}
-
-/// The first plan in a revision of the scene; plans that were published before are passed over.
-pub fn first_plan(watch: &PlanWatch, revision: u64) -> Result<PlanMessage, Failure> {
-    loop {
-        let next = watch.next(REPLAN)?;
-        let plan = next.ok_or_else(|| Failure::Unexpected(format!("no plan came within {REPLAN:?} of an edit")))?;
-        if plan.table().facts.revision == revision {
-            return Ok(plan);
-        }
     }
 }
 

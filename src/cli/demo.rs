@@ -2,9 +2,8 @@
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
-use overfly_client::{Client, EditOrder, Loaded, PlanOrder, SceneSource};
+use overfly_client::{Client, Domain, EditOrder, Loaded, PlanOrder, SceneSource};
 use serde_json::{Value, json};
 
 use super::answer::{self, Answer, Form};
@@ -15,6 +14,7 @@ use super::outputs::{self, FileNames, Flight, Folder};
 use super::pages::{self, Shown};
 use super::private_daemon::PrivateDaemon;
 use super::progress::Meter;
+use super::received::{self, Made};
 use super::{daemon, load, plan};
 use crate::scene::{self, BlockSettings, Scene};
 use crate::trajectory::plan::{Plan, RunTimes};
@@ -38,7 +38,7 @@ pub fn run(arguments: &DemoArgs, form: Form) -> Result<Answer, Failure> {
     let log = File::create(&log_file).map_err(|cause| Failure::write(&log_file, cause))?;
     let mut daemon = PrivateDaemon::start("demo", None, Some(log))?;
     let client = daemon.connect()?;
-    let show = fly(&client, folder, &scene, geojson, arguments.seed, form)?;
+    let show = fly(&client, daemon.domain(), folder, &scene, geojson, arguments.seed, form)?;
     daemon.stop(client)?;
 
     let files = [vec![scene_file, log_file], show.files.clone()].concat();
@@ -69,7 +69,15 @@ struct Show {
     files: Vec<PathBuf>,
 }
 
-fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64, form: Form) -> Result<Show, Failure> {
+fn fly(
+    client: &Client,
+    domain: &Domain,
+    folder: &Path,
+    scene: &Scene,
+    geojson: String,
+    seed: u64,
+    form: Form,
+) -> Result<Show, Failure> {
     let mut meter = Meter::new(form);
     let source = SceneSource::Bytes { file_name: format!("{}.geojson", scene.name), bytes: geojson.into_bytes() };
     let loaded = client.load(source, None, &mut |note| meter.note(note))?;
@@ -84,13 +92,10 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     plan::remark_shortfall(&flight, &command, daemon::heights(client, &plan).as_ref(), true, form);
 
     let raised = building_to_raise(client, &loaded.scene)?;
-    let watch = client.watch(&loaded.scene)?;
-    let edit_started = Instant::now();
-    let edited = client.edit(&loaded.scene, &EditOrder::Raise { structure: raised.clone(), by_m: RAISE_M })?;
-    daemon::first_plan(&watch, edited.revision)?;
-    let edit_to_first_plan_s = edit_started.elapsed().as_secs_f64();
+    let raise = EditOrder::Raise { structure: raised.clone(), by_m: RAISE_M };
+    let Made { edited, sent, first } = received::edit(client, domain, &loaded.scene, &raise)?;
     let message = client.await_replan(&edited, daemon::REPLAN, &mut |note| meter.note(note))?;
-    let edit_to_plan_s = edit_started.elapsed().as_secs_f64();
+    let edit_to_plan_s = sent.elapsed().as_secs_f64();
     let (replan, replan_times) = daemon::plan_of(&message)?;
     let flight = daemon::flight(&replan, replan_times, Some(edit_to_plan_s), None);
     files.extend(daemon::write(client, folder, &FileNames::with_stem("replan"), &flight)?.0);
@@ -98,10 +103,11 @@ fn fly(client: &Client, folder: &Path, scene: &Scene, geojson: String, seed: u64
     fs::write(&both, pages::page_of(vec![shown(client, "replan", &replan)?, before]))
         .map_err(|cause| Failure::write(&both, cause))?;
     files.push(both);
-    let flown = demo_flight::fly(client, folder, &loaded.scene, message, &mut meter)?;
+    let flown = demo_flight::fly(client, domain, folder, &loaded.scene, message, &mut meter)?;
     files.push(flown.file.clone());
     drop(meter);
     let (plan, replan) = ((plan, times), (replan, replan_times));
+    let edit_to_first_plan_s = first.as_secs_f64();
     Ok(Show { loaded, raised, plan, replan, edit_to_first_plan_s, edit_to_plan_s, flown, files })
 }
 

@@ -1,14 +1,14 @@
 //! The demo's flight: an aircraft is on its way along the plan while the scene changes three times, and flies on along the plan that comes.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use nalgebra::{Point3, distance};
-use overfly_client::{Client, EditOrder, FlightReport, PlanMessage};
+use overfly_client::{Client, Domain, EditOrder, FlightReport, PlanMessage};
 
 use super::daemon;
 use super::failure::Failure;
 use super::progress::Meter;
+use super::received::{self, Made};
 use crate::mission::svg::strip::{self, Stretch};
 use crate::trajectory::plan::Plan;
 
@@ -36,13 +36,19 @@ pub struct Flown {
 }
 
 /// Flies along the plan of `message` and draws the flight into `folder`.
-pub fn fly(client: &Client, folder: &Path, scene: &str, message: PlanMessage, meter: &mut Meter) -> Result<Flown, Failure> {
+pub fn fly(
+    client: &Client,
+    domain: &Domain,
+    folder: &Path,
+    scene: &str,
+    message: PlanMessage,
+    meter: &mut Meter,
+) -> Result<Flown, Failure> {
     let (mut plan, _) = daemon::plan_of(&message)?;
     let (mut epoch, mut flown, mut flown_s) = (message.epoch(), Vec::new(), 0.0);
     let mut stretches = vec![stretch(client, "The flight begins", None, &flown, flown_s, &plan)?];
     let mut zones: Vec<Vec<[f64; 2]>> = Vec::new();
     let mut first_plans_ms = Vec::new();
-    let watch = client.watch(scene)?;
     for number in 0..3 {
         meter.stage(&format!("in the air: change {} of 3", number + 1));
         let Some(here) = report(&plan, epoch) else { break };
@@ -55,10 +61,8 @@ pub fn fly(client: &Client, folder: &Path, scene: &str, message: PlanMessage, me
         if let EditOrder::AddZone { outline_m, .. } = &edit {
             zones.push(outline_m.clone());
         }
-        let started = Instant::now();
-        let edited = client.edit(scene, &edit)?;
-        daemon::first_plan(&watch, edited.revision)?;
-        first_plans_ms.push(1e3 * started.elapsed().as_secs_f64());
+        let Made { edited, first, .. } = received::edit(client, domain, scene, &edit)?;
+        first_plans_ms.push(1e3 * first.as_secs_f64());
         let message = client.await_replan(&edited, daemon::REPLAN, &mut |note| meter.note(note))?;
         (plan, epoch) = (daemon::plan_of(&message)?.0, message.epoch());
         let mut next = stretch(client, &title, changed.as_deref(), &flown, flown_s, &plan)?;

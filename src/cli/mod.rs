@@ -31,6 +31,7 @@ mod pages;
 mod plan;
 mod private_daemon;
 mod progress;
+mod received;
 mod reproduce;
 mod rig_file;
 mod rigs;

@@ -80,7 +80,7 @@ fn scene_row(scene: &SceneStatus) -> Vec<String> {
         scene.viewpoints.to_string(),
         format!("{:.1}", scene.capturable_percent),
         state_name(scene.state).to_owned(),
-        plan(|plan| format!("{:.1}", plan.coverage_percent)),
+        plan(|plan| if plan.coverage_percent.is_nan() { "follows".to_owned() } else { format!("{:.1}", plan.coverage_percent) }),
         plan(|plan| format!("{:.0}", plan.length_m)),
     ]
 }

@@ -47,7 +47,8 @@ fn show(client: &Client, arguments: &WatchArgs, message: &PlanMessage, form: For
     let (plan, times) = daemon::plan_of(message)?;
     let flight = daemon::flight(&plan, times, None, None);
     let mut files: Vec<PathBuf> = Vec::new();
-    if let Some(folder) = &arguments.out {
+    // One of which it is not known yet what it captures is followed at once by one of which it is.
+    if let Some(folder) = arguments.out.as_ref().filter(|_| plan.is_counted()) {
         let names = FileNames::with_stem(&format!("revision-{}-seed-{}", plan.scene.revision, plan.seed));
         let (written, remark) = daemon::write(client, folder, &names, &flight)?;
         files = written;
@@ -66,15 +67,16 @@ fn show(client: &Client, arguments: &WatchArgs, message: &PlanMessage, form: For
 
 fn line(plan: &Plan, total_s: f64) -> String {
     let metrics = &plan.metrics;
+    let captured = if plan.is_counted() { format!("{:.1} % of capturable, ", metrics.coverage_percent) } else { String::new() };
     let follows = match plan.stop {
+        StopReason::Safe => "; safe after an edit, what it captures follows",
         StopReason::Repaired => "; repaired after an edit, a better one follows",
         StopReason::Improved => "; improved after an edit, the search goes on",
         _ => "",
     };
     format!(
-        "revision {}: {:.1} % of capturable, {:.0} m, {} waypoints, flight {:.0} s; planned in {total_s:.3} s{follows}",
+        "revision {}: {captured}{:.0} m, {} waypoints, flight {:.0} s; planned in {total_s:.3} s{follows}",
         plan.scene.revision,
-        metrics.coverage_percent,
         metrics.length_m,
         plan.waypoints.len(),
         metrics.flight_s

@@ -2,6 +2,9 @@
 //! of its own and posts what it found; it never touches the daemon's state. Only what is parallel inside of it runs in the compute
 //! pool, and a search after an edit in threads that stand back behind it, so that jobs share the processor and none waits for another.
 
+mod field;
+mod flight;
+
 use std::convert::Infallible;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -9,7 +12,6 @@ use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
-use overfly_table::Block;
 use overfly_wire::{ProgressNote, Refusal, RefusalCode, Stage};
 
 use super::budget::{Budget, OverBudget};
@@ -21,22 +23,20 @@ use super::scene_file::{self, SceneFile};
 use super::scenes::Cause;
 use super::threads::SearchPools;
 use super::wake::Mail;
-use crate::planner::{self, Conduct, Made, PlanError, PlanOptions, Progress, StopToken, en_route};
+use crate::planner::{Made, PlanError, PlanOptions, StopToken};
 use crate::scene::Scene;
 use crate::scene::anchor::Anchor;
 use crate::session::{FieldError, Findings, Session, Snapshot};
 use crate::settings::Settings;
 use crate::stop::Part;
-use crate::trajectory::plan::{Plan, RunTimes, StopReason};
+use crate::trajectory::known::SafeFlight;
+use crate::trajectory::plan::{Plan, RunTimes};
 use crate::trajectory::record::Record;
-
-/// Shortest time between two progress notes.
-const NOTE_GAP: Duration = Duration::from_millis(25);
 
 /// How often it is told how much of a field is built.
 const FIELD_NOTE_GAP: Duration = Duration::from_millis(100);
 
-/// A search waits no longer than this for its first safe plan to be published.
+/// Work that goes on waits no longer than this for its first safe plan to be published.
 const MOST_PAUSE: Duration = Duration::from_millis(5);
 
 /// News that somebody waits for to be dealt with: they are when this is dropped.
@@ -65,6 +65,8 @@ pub enum NewsKind {
     Progress(ProgressNote),
     Read(Box<SceneFile>),
     Built(Box<BuiltField>),
+    /// What can be flown at once in a scene whose field is being built: not the last news.
+    Safe(Box<SafePlan>, Attended),
     /// A plan that comes before the one that the job is for: not the last news.
     Interim(PlannedFlight, Attended),
     /// What images capture that were reported as taken: not the last news.
@@ -75,7 +77,7 @@ pub enum NewsKind {
 
 impl NewsKind {
     pub fn is_last(&self) -> bool {
-        !matches!(self, Self::Progress(_) | Self::Interim(..) | Self::Evaluated(_))
+        !matches!(self, Self::Progress(_) | Self::Safe(..) | Self::Interim(..) | Self::Evaluated(_))
     }
 }
 
@@ -96,15 +98,32 @@ pub struct BuiltField {
     pub field_s: f64,
 }
 
+/// What can be flown after an edit, before anybody has counted what it captures.
+#[derive(Debug)]
+pub struct SafePlan {
+    pub plan: Plan,
+    pub times: RunTimes,
+    pub flight: Arc<SafeFlight>,
+}
+
 /// A plan that will be published.
 #[derive(Debug)]
 pub struct PlannedFlight {
     pub plan: Plan,
     pub times: RunTimes,
     /// What its images see, for the plan after the next edit.
-    pub record: Record,
+    pub record: Option<Record>,
+    /// The flight as it was found safe.
+    pub safe: Option<Arc<SafeFlight>>,
     /// How it differs from what was ordered.
     pub remark: Option<String>,
+}
+
+impl PlannedFlight {
+    fn of(Made { plan, record }: Made, times: RunTimes, remark: Option<String>) -> Self {
+        let safe = record.flight.clone();
+        Self { plan, times, record: Some(record), safe, remark }
+    }
 }
 
 /// What every job needs.
@@ -143,8 +162,15 @@ pub enum FileSource {
 pub enum FieldSource {
     /// A scene that was just read: its field settings are pinned now.
     Scene(Box<Scene>, Arc<Settings>),
-    /// A session whose scene was edited, with the field before.
-    Edited { session: Box<Session>, earlier: Snapshot },
+    /// A session whose scene was edited, with the field before, and the flight that is to be safe in it.
+    Edited { session: Box<Session>, earlier: Snapshot, flight: Option<Box<FlightBefore>> },
+}
+
+/// A flight over a scene that is edited.
+pub struct FlightBefore {
+    /// With its waypoints, and where the aircraft is on it.
+    pub options: PlanOptions,
+    pub safe: Option<Arc<SafeFlight>>,
 }
 
 /// A search.
@@ -188,88 +214,6 @@ impl Workshop {
     /// Plans one flight.
     pub fn plan(&self, assignment: Assignment, flight: Flight) {
         self.spawn(assignment, move |workshop, assignment| workshop.plan_flight(assignment, flight).map(NewsKind::Planned));
-    }
-
-    fn build_field(&self, assignment: &Assignment, source: FieldSource, channel: &FieldChannel) -> Result<BuiltField, Failure> {
-        let started = Instant::now();
-        let stop = &assignment.stop;
-        // After most edits the field stands before anybody could read how far it has come, and whoever tells of it takes processor from it.
-        let is_anew = matches!(source, FieldSource::Scene(..));
-        let (session, survey) = match source {
-            FieldSource::Scene(scene, settings) => self.tell_while(assignment, Part::Survey, || {
-                let session = Session::new(*scene, settings, stop)?;
-                let survey = session.survey(stop)?;
-                Ok::<_, Failure>((session, survey))
-            })?,
-            FieldSource::Edited { session, earlier } => {
-                let survey = session.survey_after(&earlier, stop)?;
-                (*session, survey)
-            }
-        };
-        let is_told = is_anew || started.elapsed() >= FIELD_NOTE_GAP;
-        let reserve = |count: usize| self.budget.reserve((count * Block::BYTES) as u64);
-        let place = |count: usize, write: &dyn Fn(&mut [Block])| Ok(channel.segment(count, reserve(count)?, write)?);
-        let build = || survey.build::<Failure>(&place, stop);
-        let findings = if is_told { self.tell_while(assignment, Part::Rays, build) } else { build() }?;
-        let count = findings.blocks();
-        let filled = channel.fill(count, reserve(count)?, |blocks| findings.write(blocks))?;
-        if stop.is_stopped() {
-            return Err(Failure::Stopped);
-        }
-        Ok(BuiltField { session, findings, filled, field_s: started.elapsed().as_secs_f64() })
-    }
-
-    fn plan_flight(&self, assignment: &Assignment, mut flight: Flight) -> Result<PlannedFlight, Failure> {
-        let started = Instant::now();
-        let mut record = flight.record.take();
-        let flight = &flight;
-        let (mut noted, mut searched) = (None::<Instant>, started);
-        let mut on_progress = |progress: &Progress| {
-            searched = Instant::now();
-            let last = progress.iteration >= progress.iterations;
-            if last || noted.is_none_or(|time| searched - time >= NOTE_GAP) {
-                noted = Some(searched);
-                self.post(assignment, NewsKind::Progress(note(assignment, progress)));
-            }
-        };
-        let mut on_interim = |Made { plan, record }: Made| {
-            let times = times(assignment, flight, started, Instant::now());
-            let is_first = plan.stop == StopReason::Repaired;
-            let (attended, done) = attend();
-            self.post(assignment, NewsKind::Interim(PlannedFlight { plan, times, record, remark: None }, attended));
-            // The search that follows takes all cores: it waits until the first safe plan is out.
-            if is_first {
-                let _ = done.recv_timeout(MOST_PAUSE);
-            }
-        };
-        let mut options = flight.options.clone();
-        if let Some((under_way, en_route)) = flight.under_way.as_ref().zip(options.en_route.as_mut()) {
-            let evaluated = under_way.evaluate(en_route, &assignment.stop).ok_or(Failure::Stopped)?;
-            self.post(assignment, NewsKind::Evaluated(Box::new(evaluated)));
-        }
-        // Nobody stands back before there is a flight.
-        let pool = options.earlier.as_ref().and_then(|_| self.search_pools.take());
-        let mut search = |options: &PlanOptions| {
-            let conduct = Conduct {
-                stop: &assignment.stop,
-                on_progress: &mut on_progress,
-                on_interim: &mut on_interim,
-                search_threads: pool.as_deref(),
-            };
-            planner::replan(&flight.snapshot, &flight.settings, options, record.take(), conduct)
-        };
-        let (Made { plan, record }, remark) = match (search(&options), flight.cause) {
-            // The start is that of an earlier order, and nobody asked for it in the scene as it is now.
-            (Err(error @ PlanError::Start { .. }), Cause::Edit) => {
-                let remark = format!("since an edit {}; another start was chosen", without_remedy(&error));
-                (search(&PlanOptions { start_m: None, ..options.clone() })?, Some(remark))
-            }
-            (made, _) => (made?, short_sight(flight)),
-        };
-        let remarks: Vec<String> = en_route::remark(&plan).into_iter().chain(remark).collect();
-        let remark = (!remarks.is_empty()).then(|| remarks.join("; "));
-        let times = times(assignment, flight, started, searched);
-        Ok(PlannedFlight { plan, times, record, remark })
     }
 
     /// Runs `work` on a thread of its own, as soon as there is one. A panic in it is a defect that costs the request, not the daemon.
@@ -329,46 +273,8 @@ impl Workshop {
     }
 }
 
-/// What a plan took whose search ended at `searched`.
-fn times(assignment: &Assignment, flight: &Flight, started: Instant, searched: Instant) -> RunTimes {
-    RunTimes {
-        field_s: flight.field_s,
-        search_s: (searched - started).as_secs_f64(),
-        check_s: searched.elapsed().as_secs_f64(),
-        total_s: assignment.taken_up.elapsed().as_secs_f64(),
-        threads: u32::try_from(rayon::current_num_threads()).unwrap_or(u32::MAX),
-    }
-}
-
-fn note(assignment: &Assignment, progress: &Progress) -> ProgressNote {
-    ProgressNote {
-        stage: Stage::Search,
-        done: progress.iteration,
-        of: progress.iterations,
-        coverage_percent: progress.coverage_percent,
-        length_m: progress.length_m,
-        objective: progress.objective,
-        elapsed_s: assignment.taken_up.elapsed().as_secs_f64(),
-    }
-}
-
-/// What there is to say when the field was built for cameras of another sight than the rig's.
-fn short_sight(flight: &Flight) -> Option<String> {
-    let rig = &flight.options.rig;
-    let (has, needs) = (flight.settings.coverage.sight_scale, rig.sight_scale());
-    (has != needs).then(|| {
-        format!(
-            "the field was built for cameras that see {has} times as far as the reference, those of {:?} see {needs} times as far; \
-             `overfly serve --rig` builds fields for it",
-            rig.name
-        )
-    })
-}
-
-/// What an error says, without what to do about it: that is done already.
-fn without_remedy(error: &PlanError) -> String {
-    let text = error.to_string();
-    text.split(';').next().unwrap_or_default().to_owned()
+fn threads() -> u32 {
+    u32::try_from(rayon::current_num_threads()).unwrap_or(u32::MAX)
 }
 
 fn defect(panic: &(dyn std::any::Any + Send)) -> Refusal {

@@ -6,7 +6,7 @@ use overfly_wire::{Header, Kind, Loaded, Refusal, RefusalCode, Reply, Updated, m
 
 use super::edits::{self, Change, NewVersion, PendingEdit};
 use super::field_channel::FieldChannel;
-use super::jobs::{Assignment, BuiltField, Failure, FieldSource, JobId, News, NewsKind, PlannedFlight};
+use super::jobs::{Assignment, BuiltField, Failure, FieldSource, JobId, News, NewsKind, PlannedFlight, SafePlan};
 use super::ledger::Ticket;
 use super::ports::{Ports, SendError};
 use super::scene_file::SceneFile;
@@ -31,6 +31,7 @@ impl Daemon {
         let Some(scene) = self.owners.get(&news.job).cloned() else { return };
         match news.kind {
             NewsKind::Progress(_) => return self.on_progress(ports, &scene, &news),
+            NewsKind::Safe(plan, _attended) => return self.on_safe(ports, &scene, news.job, *plan),
             NewsKind::Interim(flight, _attended) => return self.on_interim(ports, &scene, flight),
             NewsKind::Evaluated(evaluated) => {
                 if let Some(flown) = self.scenes.get_mut(&scene).and_then(|slot| slot.flown.as_mut()) {
@@ -70,7 +71,7 @@ impl Daemon {
                 }
             }
             NewsKind::Failed(failure) => self.on_unread(ports, news.job, failure),
-            NewsKind::Built(_) | NewsKind::Interim(..) | NewsKind::Evaluated(_) | NewsKind::Planned(_) => {}
+            NewsKind::Built(_) | NewsKind::Safe(..) | NewsKind::Interim(..) | NewsKind::Evaluated(_) | NewsKind::Planned(_) => {}
         }
     }
 
@@ -266,6 +267,39 @@ impl Daemon {
         }
     }
 
+    /// Publishes what can be flown at once in a scene whose field is still being built. The edit is not made before that stands; but from now on
+    /// nobody is to fly what a search finds in the scene as it was.
+    fn on_safe(&mut self, ports: &Ports, scene: &str, job: JobId, SafePlan { plan, times, flight }: SafePlan) {
+        let building = self.scenes.get(scene).and_then(|slot| slot.edits.building.as_ref());
+        if building.is_none_or(|batch| batch.assignment.job != job) {
+            return;
+        }
+        self.supersede_search(ports, scene, "an edit");
+        let mut record = self.scenes.get_mut(scene).and_then(|slot| slot.plans.take_record());
+        // What its images see has to be looked at, but not again whether it is safe.
+        record.iter_mut().for_each(|record| record.flight = Some(Arc::clone(&flight)));
+        let epoch = self.next_epoch();
+        let planned = PlannedFlight { plan, times, record, safe: Some(flight), remark: None };
+        if let Err(error) = self.publish_plan(ports, scene, epoch, None, planned) {
+            tracing::warn!(scene, %error, "the first safe plan was not published");
+        }
+        self.changed = true;
+    }
+
+    /// Edits that are not made may have been followed by a plan already: the one that was flown before them is published again.
+    fn take_back_plan(&mut self, ports: &Ports, scene: &str) {
+        let slot = self.scenes.get(scene);
+        let Some((slot, current)) = slot.and_then(|slot| Some((slot, slot.current.as_ref()?))) else { return };
+        let revision = current.session.revision();
+        let is_ahead = slot.plans.last().is_some_and(|last| last.plan.scene.revision > revision);
+        let Some(before) = slot.plans.up_to(revision).filter(|_| is_ahead) else { return };
+        let planned = PlannedFlight { plan: before.plan.clone(), times: before.times, record: None, safe: None, remark: None };
+        let epoch = self.next_epoch();
+        if let Err(error) = self.publish_plan(ports, scene, epoch, None, planned) {
+            tracing::warn!(scene, %error, "the plan before edits that were not made was not published again");
+        }
+    }
+
     /// Publishes what can be flown so far after an edit. It answers nobody: the plan that was asked for comes later.
     fn on_interim(&mut self, ports: &Ports, scene: &str, flight: PlannedFlight) {
         let epoch = self.next_epoch();
@@ -282,7 +316,7 @@ impl Daemon {
         scene: &str,
         epoch: u64,
         ticket: Option<Ticket>,
-        PlannedFlight { plan, times, record, .. }: PlannedFlight,
+        PlannedFlight { plan, times, record, safe, .. }: PlannedFlight,
     ) -> Result<(), SendError> {
         log_plan(scene, epoch, &plan, &times);
         let before = self.scenes.get(scene).and_then(|slot| slot.plans.last());
@@ -295,7 +329,7 @@ impl Daemon {
             first_changed: before.map_or(0, |before| before.first_changed(&plan)),
             ..Header::new(Kind::Plan)
         };
-        let last = LastPlan { header, plan, times, record: Some(record) };
+        let last = LastPlan { header, plan, times, record, safe };
         let sent = last.publish(ports);
         if let Some(slot) = self.scenes.get_mut(scene) {
             slot.publish(last);
@@ -361,6 +395,7 @@ impl Daemon {
         for (ticket, refusal) in slot.edits.take_back(failed, &current.session, refusal) {
             self.refuse(ports, ticket, refusal);
         }
+        self.take_back_plan(ports, scene);
     }
 }
 

@@ -11,13 +11,15 @@ use super::convert;
 use super::edits::{Batch, Edits};
 use super::field_channel::FieldChannel;
 use super::flown::Flown;
-use super::jobs::{Assignment, JobId};
+use super::jobs::{Assignment, FlightBefore, JobId};
 use super::ledger::Ticket;
 use super::ports::{Ports, SendError};
 use crate::camera::Pose;
 use crate::mission::plan_table;
+use crate::planner::PlanOptions;
 use crate::scene::anchor::Anchor;
 use crate::session::{Session, Snapshot};
+use crate::trajectory::known::SafeFlight;
 use crate::trajectory::plan::{Plan, RunTimes};
 use crate::trajectory::record::Record;
 
@@ -133,6 +135,8 @@ pub struct LastPlan {
     pub times: RunTimes,
     /// What its images see; the search that goes on with it takes it along.
     pub record: Option<Record>,
+    /// The flight as it was found safe.
+    pub safe: Option<Arc<SafeFlight>>,
 }
 
 impl Plans {
@@ -147,6 +151,11 @@ impl Plans {
     /// The record of the last plan, for the search that goes on with it.
     pub fn take_record(&mut self) -> Option<Record> {
         self.0.back_mut().and_then(|plan| plan.record.take())
+    }
+
+    /// The newest plan of this revision or an earlier one.
+    pub fn up_to(&self, revision: u64) -> Option<&LastPlan> {
+        self.0.iter().rev().find(|plan| plan.plan.scene.revision <= revision)
     }
 
     /// Adds a plan; the oldest ones go, but for the one that is `flown`. Nobody goes on with the record of any other but the last.
@@ -195,6 +204,24 @@ impl Slot {
             flown: None,
             remark: None,
         }
+    }
+
+    /// What an edit is followed by, where the scene has been planned: the last plan, as far as it can be flown there.
+    pub fn flight_before(&self) -> Option<FlightBefore> {
+        let (order, last) = (self.orders.last.as_ref()?, self.plans.last()?);
+        Some(FlightBefore { options: self.options(order, Cause::Edit), safe: last.safe.clone() })
+    }
+
+    /// What an order asks of the planner: to go on with the last plan after an edit, and from where an aircraft is in the air.
+    pub fn options(&self, order: &PlanOrder, cause: Cause) -> PlanOptions {
+        let mut options = convert::plan_options(order).expect("orders are checked before they are accepted");
+        if cause == Cause::Edit {
+            options.earlier = self.plans.last().map(LastPlan::waypoints);
+        }
+        if let Some(flown) = &self.flown {
+            flown.go_on(&mut options, &self.plans);
+        }
+        options
     }
 
     /// A field is being built.
@@ -305,7 +332,8 @@ impl LastPlan {
         let Self { plan, times, .. } = self;
         PlanSummary {
             revision: plan.scene.revision,
-            is_stale: plan.scene.revision != scene_revision,
+            // A plan that comes before the field of its scene is newer.
+            is_stale: plan.scene.revision < scene_revision,
             seed: plan.seed,
             waypoints: plan.waypoints.len() as u64,
             length_m: plan.metrics.length_m,

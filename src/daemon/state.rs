@@ -17,10 +17,9 @@ use super::flown::Flown;
 use super::jobs::{Assignment, FieldSource, Flight, JobId, News, Workshop};
 use super::ledger::{Ledger, Ticket};
 use super::ports::Ports;
-use super::scenes::{Cause, LastPlan, Queued, Search, Slot};
+use super::scenes::{Cause, Queued, Search, Slot};
 use super::threads::{self, SearchPools};
 use super::wake::Mail;
-use crate::daemon::convert;
 use crate::planner::StopToken;
 use crate::settings::Settings;
 
@@ -278,8 +277,9 @@ impl Daemon {
             let current = slot.current.as_ref();
             let next = current.and_then(|current| Some((slot.edits.next_batch(&current.session)?, current.snapshot.clone())));
             if let Some(((edits, session), earlier)) = next {
+                let flight = slot.flight_before().map(Box::new);
                 let taken_up = edits.first().map_or_else(Instant::now, |first| first.taken_up);
-                let source = FieldSource::Edited { session: Box::new(session.clone()), earlier };
+                let source = FieldSource::Edited { session: Box::new(session.clone()), earlier, flight };
                 let assignment = self.start_build(scene, source, taken_up);
                 if let Some(slot) = self.scenes.get_mut(scene) {
                     slot.edits.building = Some(Batch { assignment, edits, session });
@@ -301,15 +301,8 @@ impl Daemon {
         let assignment = self.assign(queued.taken_up);
         let Some(slot) = self.scenes.get_mut(scene) else { return };
         let Some(current) = &slot.current else { return };
-        let mut options = convert::plan_options(&queued.order).expect("orders are checked before they are queued");
-        let mut record = None;
-        if queued.cause == Cause::Edit {
-            options.earlier = slot.plans.last().map(LastPlan::waypoints);
-            record = slot.plans.take_record();
-        }
-        if let Some(flown) = &slot.flown {
-            flown.go_on(&mut options, &slot.plans);
-        }
+        let options = slot.options(&queued.order, queued.cause);
+        let record = (queued.cause == Cause::Edit).then(|| slot.plans.take_record()).flatten();
         let flight = Flight {
             snapshot: current.snapshot.clone(),
             settings: current.session.settings().clone(),

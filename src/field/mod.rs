@@ -16,5 +16,5 @@ mod viewpoints;
 pub use build::{Outlines, counts};
 pub use lookup::Lookup;
 pub use rows::Place;
-pub use survey::{Changes, FieldError, FieldStorage, Findings, HeapField, Snapshot, Survey};
+pub use survey::{Changes, Cleared, FieldError, FieldStorage, Findings, HeapField, Snapshot, Survey};
 pub use viewpoints::{Cell, Lattice, Site, Viewpoint, cells, choose_spacing_m, fill, outside, sites, sites_after};

@@ -42,6 +42,15 @@ pub enum FieldError {
     Layout(#[from] LayoutError),
 }
 
+/// A scene after an edit, whose free space is known and whose field is still to be built.
+pub struct Cleared {
+    pub scene: Arc<Scene>,
+    pub revision: u64,
+    pub free: Arc<FreeSpace>,
+    /// How it differs from the scene that the field before was built of.
+    pub differences: Differences,
+}
+
 /// Everything about a field but its visibility.
 pub struct Survey {
     pub(crate) scene: Arc<Scene>,
@@ -266,6 +275,12 @@ pub struct Changes {
 }
 
 impl Snapshot {
+    /// This field in a scene that was edited since, until that has its own: where its viewpoints lie is all that is right of it there.
+    pub fn carried_to(&self, cleared: &Cleared) -> Self {
+        let Cleared { scene, revision, free, .. } = cleared;
+        Self { scene: Arc::clone(scene), revision: *revision, free: Arc::clone(free), changes: None, ..self.clone() }
+    }
+
     pub fn field(&self) -> FieldTable<'_> {
         let table = FieldTable::open_again(self.field.blocks(), self.field.segments());
         table.expect("the table was opened when the snapshot was made and nobody writes to it")

@@ -2,7 +2,7 @@
 
 mod rows;
 
-use overfly_table::plan::{CellsRow, INFEASIBLE, LimitsRow, PlanCounts, PlanFacts};
+use overfly_table::plan::{CellsRow, INFEASIBLE, LimitsRow, PlanCounts, PlanFacts, SAFE};
 use overfly_table::{Block, PlanTable, PlanTableMut};
 
 use self::rows::*;
@@ -24,6 +24,8 @@ pub enum PlanTableError {
     Camera { camera: u32, cameras: usize },
     #[error("the plan's {what} lie beyond what a drone can fly by")]
     Limits { what: &'static str },
+    #[error("the plan counts what it captures, and says that it does not")]
+    Counted,
     #[error("there is no flight in the scene {scene:?}: {reason}")]
     Infeasible { scene: String, reason: String },
     #[error("the plan counts {counted} waypoints but holds {held}")]
@@ -99,6 +101,9 @@ pub fn from_table(table: &PlanTable<'_>) -> Result<(Plan, RunTimes), PlanTableEr
     }
     let cameras: Vec<Camera> =
         names.into_iter().zip(table.cameras).map(|(name, row)| camera(name, row)).collect::<Result<_, _>>()?;
+    if facts.stop == SAFE && !table.cells.is_empty() {
+        return Err(PlanTableError::Counted);
+    }
     let plan = Plan {
         scene: SceneStamp { name, origin: origin(facts)?, revision: facts.revision },
         seed: facts.seed,
@@ -107,7 +112,7 @@ pub fn from_table(table: &PlanTable<'_>) -> Result<(Plan, RunTimes), PlanTableEr
         waypoints: table.waypoints.iter().map(waypoint).collect::<Result<_, _>>()?,
         images: table.images.iter().map(|row| image(row, cameras.len())).collect::<Result<_, _>>()?,
         cameras,
-        metrics: metrics(&facts.metrics)?,
+        metrics: metrics(&facts.metrics, facts.stop != SAFE)?,
         limits: limits(&facts.limits)?,
         cells: table.cells.iter().map(|row| row.covered).collect(),
         ceilings: table.cells.iter().map(|row| row.ceiling).collect(),

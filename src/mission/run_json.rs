@@ -89,6 +89,7 @@ pub fn stop_name(stop: StopReason) -> &'static str {
         StopReason::SpaceExhausted => "space_exhausted",
         StopReason::Cancelled => "cancelled",
         StopReason::Complete => "complete",
+        StopReason::Safe => "safe",
         StopReason::Repaired => "repaired",
         StopReason::Improved => "improved",
     }

@@ -7,6 +7,7 @@ mod options;
 mod order;
 mod overlap;
 mod resume;
+mod safe;
 mod start;
 
 use std::sync::Arc;
@@ -29,6 +30,8 @@ use crate::trajectory::route::Found;
 
 pub use en_route::EnRoute;
 pub use look::look;
+pub use safe::safe;
+
 pub use options::{MOST_BUDGET_S, Method, Objective, PlanError, PlanOptions};
 
 pub use crate::search::Progress;
@@ -96,16 +99,10 @@ pub fn replan(
     conduct: Conduct,
 ) -> Result<Made, PlanError> {
     let Conduct { stop, on_progress, on_interim, search_threads } = conduct;
-    options.check()?;
-    let settings = &with_goal(settings, options.goal_percent);
-    let rig = &flown_rig(options, settings);
-    let captured = options.en_route.as_ref().map_or_else(Arc::default, |en_route| Arc::clone(&en_route.captured));
-    let wanted = Wanted { region: options.region()?, gsd_m: options.gsd_m, most_apart_m: None, captured };
-    let (settings, most_apart_m) = &overlap::with_overlap(settings, snapshot, rig, options, &wanted)?;
-    let wanted = Wanted { most_apart_m: *most_apart_m, ..wanted };
+    let Ordered { settings, rig, wanted } = &ordered(snapshot, settings, options)?;
     let sight_m = wanted.sight_m(rig, snapshot.disks.range_m());
     let reach = record.as_ref().and_then(|record| record.reach_before(snapshot, rig, sight_m));
-    let problem = Problem::after(snapshot, settings, rig.clone(), &wanted, reach, stop);
+    let problem = Problem::after(snapshot, settings, rig.clone(), wanted, reach, stop);
     if stop.is_abandoned() {
         return Err(PlanError::Abandoned);
     }
@@ -137,6 +134,23 @@ pub fn replan(
         Some(threads) => threads.install(search),
         None => search(),
     }
+}
+
+/// What options mean in a scene.
+struct Ordered {
+    settings: Settings,
+    rig: Rig,
+    wanted: Wanted,
+}
+
+fn ordered(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions) -> Result<Ordered, PlanError> {
+    options.check()?;
+    let settings = with_goal(settings, options.goal_percent);
+    let rig = flown_rig(options, &settings);
+    let captured = options.en_route.as_ref().map_or_else(Arc::default, |en_route| Arc::clone(&en_route.captured));
+    let wanted = Wanted { region: options.region()?, gsd_m: options.gsd_m, most_apart_m: None, captured };
+    let (settings, most_apart_m) = overlap::with_overlap(&settings, snapshot, &rig, options, &wanted)?;
+    Ok(Ordered { settings, rig, wanted: Wanted { most_apart_m, ..wanted } })
 }
 
 /// The plan that a method finds, or the best one that was handed out on the way.

@@ -1,9 +1,10 @@
 //! What is ordered of a flight, and the way from a path to a plan.
 
 use super::en_route::Departure;
+use std::sync::Arc;
+
 use super::{Made, Method, PlanError, PlanOptions, resume, start};
 use crate::camera::Pose;
-use crate::coverage::Information;
 use crate::field::Snapshot;
 use crate::refine::{Confirmed, Worth};
 use crate::search::leg::headed;
@@ -16,11 +17,26 @@ use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::Exposed;
 use crate::trajectory::known::{Known, SafeFlight, Scope};
 use crate::trajectory::limits::Limits;
-use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, StopReason, Waypoint};
+use crate::trajectory::plan::{Camera, Image, Metrics, Plan, SceneStamp, StopReason, Waypoint};
 use crate::trajectory::profile::Profile;
 use crate::trajectory::record::Record;
 use crate::trajectory::route::{Found, Route};
 use crate::trajectory::{images, safety, select};
+
+/// A flight that is safe all along, and all that is known of it but what it captures.
+struct Checked {
+    waypoints: Vec<Pose>,
+    travel: PathSums,
+    limits: Limits,
+    deviations_m: Vec<f64>,
+    profile: Profile,
+    images: Vec<Image>,
+    delayed: u32,
+    dropped: u32,
+    egress: Egress,
+    clearance_m: f64,
+    blur_px: f64,
+}
 
 /// What a flight is planned by.
 pub struct Order<'o> {
@@ -43,50 +59,109 @@ impl Order<'_> {
         self.finished(Found::of(outcome, self.problem), before)
     }
 
-    /// The plan of a flight that was found: its curve, its images and what they capture, checked for safety. With the record of the flight
-    /// before an edit only what may have changed is looked at.
+    /// The plan of a flight that was found, with what its images capture. With the record of the flight before an edit only what may have changed is
+    /// looked at.
     pub fn finished(&self, Found { route, convergence, stop: reason }: Found, before: Option<Record>) -> Result<Made, PlanError> {
-        let Self { snapshot, settings, options, problem, matched_goal_percent, stop, ref departure, .. } = *self;
-        let rig = &problem.rig;
-        let route = self.whole_route(route);
-        self.check_wanted()?;
-        let (limits, deviations_m, profile) = self.timed(&route.waypoints);
-        self.check_wanted()?;
-        let Exposed { mut images, delayed, dropped } = images::expose(&route, rig, &profile);
+        let Self { snapshot, problem, matched_goal_percent, stop, ref departure, .. } = *self;
+        let mut flight = self.checked(route)?;
         let record = match before {
-            Some(before) => before.after(snapshot, problem, &images, stop),
-            None => Record::new(snapshot, problem, &images, stop),
+            Some(before) => before.after(snapshot, problem, &flight.images, stop),
+            None => Record::new(snapshot, problem, &flight.images, stop),
         };
         let mut record = record.ok_or(PlanError::Abandoned)?;
         let capture = record.capture(problem);
         // Which images are dispensable takes longer to find out than a flight on the way may wait.
         if !matches!(reason, StopReason::Repaired | StopReason::Improved) {
             let enough = problem.enough_matched(matched_goal_percent);
-            let selected = select::select(problem, record.sightings(), images.len(), enough);
-            images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
+            let selected = select::select(problem, record.sightings(), flight.images.len(), enough);
+            flight.images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
         }
         self.check_wanted()?;
-        let egress = departure.as_ref().map_or_else(Egress::default, |departure| departure.egress);
-        egress.check(&profile.curve().waypoints, &limits, &snapshot.free)?;
-        let clearance_m = safety::check_behind(profile.curve(), egress.legs(), self.scope())?;
-        record.flight = Some(SafeFlight {
-            curve: profile.curve().clone(),
-            deviations_m: deviations_m.clone(),
-            egress_legs: egress.legs(),
-            safety_distance_m: snapshot.free.safety_distance_m,
-        });
         // What belongs to no leg: the views at the start, or what was captured before a flight that begins in the air.
         let at_start = match departure {
             None => record.information_at_start(problem),
             Some(_) => problem.captured_information(),
         };
+        record.flight = Some(self.safe(&flight));
+        // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
+        let on_legs = PathSums { information: capture.information - at_start, ..flight.travel };
+        let uncounted = self.uncounted(flight);
+        let metrics = Metrics {
+            coverage_percent: capture.coverage_percent,
+            coverage_exposed_percent: capture.coverage_exposed_percent,
+            capturable_percent: capture.capturable_percent,
+            matched_percent: capture.matched_percent,
+            information: problem.objective.gain(capture.information),
+            objective: problem.objective.value(&on_legs),
+            ..uncounted.metrics
+        };
+        let (cells, ceilings) = (capture.cells, problem.ceilings.clone());
+        Ok(Made { plan: Plan { metrics, cells, ceilings, convergence, stop: reason, ..uncounted }, record })
+    }
+
+    /// The plan of a path of which nobody has looked yet what it captures, and what is known of its safety then.
+    pub fn safe_plan(&self, path: &[Pose]) -> Result<(Plan, Arc<SafeFlight>), PlanError> {
+        let flight = self.checked(Route::continuous(path, &self.problem.rig, self.problem.spacing))?;
+        let safe = self.safe(&flight);
+        Ok((self.uncounted(flight), safe))
+    }
+
+    /// A route as it is flown: its curve, timed, with its images, and safe all along.
+    fn checked(&self, route: Route) -> Result<Checked, PlanError> {
+        let Self { snapshot, problem, ref departure, .. } = *self;
+        let rig = &problem.rig;
+        let route = self.whole_route(route);
+        self.check_wanted()?;
+        let (limits, deviations_m, profile) = self.timed(&route.waypoints);
+        self.check_wanted()?;
+        let Exposed { images, delayed, dropped } = images::expose(&route, rig, &profile);
+        self.check_wanted()?;
+        let egress = departure.as_ref().map_or_else(Egress::default, |departure| departure.egress);
+        egress.check(&profile.curve().waypoints, &limits, &snapshot.free)?;
+        let clearance_m = safety::check_behind(profile.curve(), egress.legs(), self.scope())?;
         safety::check_views(rig, &images)?;
+        self.check_wanted()?;
         let blur_px = images::blur_px(&images, rig, &profile, &snapshot.free.clearance);
-        let figures = metrics(problem, settings, &route, &profile, &capture, at_start);
+        let travel = problem.objective.travel(&route.waypoints);
+        let waypoints = route.waypoints;
+        Ok(Checked { waypoints, travel, limits, deviations_m, profile, images, delayed, dropped, egress, clearance_m, blur_px })
+    }
+
+    fn safe(&self, flight: &Checked) -> Arc<SafeFlight> {
+        let Checked { deviations_m, profile, egress, .. } = flight;
+        let free = &self.snapshot.free;
+        Arc::new(SafeFlight {
+            curve: profile.curve().clone(),
+            deviations_m: deviations_m.clone(),
+            egress_legs: egress.legs(),
+            space: Arc::downgrade(free),
+            revision: self.snapshot.revision,
+            safety_distance_m: free.safety_distance_m,
+        })
+    }
+
+    /// The plan of a flight without what it captures.
+    fn uncounted(&self, flight: Checked) -> Plan {
+        let Self { snapshot, settings, options, problem, matched_goal_percent, .. } = *self;
+        let Checked { waypoints, travel, limits, deviations_m, profile, images, delayed, dropped, egress, clearance_m, blur_px } =
+            flight;
+        let rig = &problem.rig;
+        let movement_s = travel.length_m / settings.flight.cruise_speed_mps;
+        let metrics = Metrics {
+            length_m: travel.length_m,
+            movement_s,
+            turning_s: travel.turning_s,
+            flight_s: movement_s + travel.turning_s,
+            profile_s: profile.duration_s(),
+            battery_percent: rig.battery.map(|battery| battery.percent(movement_s, travel.turning_s)),
+            delayed_exposures: delayed,
+            dropped_exposures: dropped,
+            blur_px,
+            ..Metrics::uncounted()
+        };
         let waypoint =
             |(pose, &deviation_m): (&Pose, &f64)| Waypoint { position_m: pose.position, direction: pose.direction, deviation_m };
-
-        let plan = Plan {
+        Plan {
             scene: SceneStamp {
                 name: snapshot.scene.name.clone(),
                 origin: snapshot.scene.frame.origin,
@@ -96,20 +171,19 @@ impl Order<'_> {
             rig: rig.name.clone(),
             method: options.method.name().to_owned(),
             cameras: Camera::all_of(rig),
-            metrics: Metrics { delayed_exposures: delayed, dropped_exposures: dropped, blur_px, ..figures },
+            metrics,
             limits: Some(limits),
-            waypoints: route.waypoints.iter().zip(&deviations_m).map(waypoint).collect(),
+            waypoints: waypoints.iter().zip(&deviations_m).map(waypoint).collect(),
             images,
-            cells: capture.cells,
-            ceilings: problem.ceilings.clone(),
+            cells: Vec::new(),
+            ceilings: Vec::new(),
             goal_percent: settings.coverage.goal_percent,
             matched_goal_percent,
             egress,
             clearance_m,
-            convergence,
-            stop: reason,
-        };
-        Ok(Made { plan, record })
+            convergence: Vec::new(),
+            stop: StopReason::Safe,
+        }
     }
 
     /// Each of a plan's parts takes milliseconds in a large scene: between them it is looked whether anybody still wants it.
@@ -205,33 +279,5 @@ impl Order<'_> {
     pub fn within_s(&self) -> Option<f64> {
         let left_s = self.options.en_route.as_ref().and_then(|en_route| en_route.time_left_s);
         [self.options.within_s, left_s].into_iter().flatten().reduce(f64::min)
-    }
-}
-
-fn metrics(
-    problem: &Problem,
-    settings: &Settings,
-    route: &Route,
-    profile: &Profile,
-    capture: &Capture,
-    at_start: Information,
-) -> Metrics {
-    // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
-    let path = PathSums { information: capture.information - at_start, ..problem.objective.travel(&route.waypoints) };
-    let movement_s = path.length_m / settings.flight.cruise_speed_mps;
-    Metrics {
-        length_m: path.length_m,
-        movement_s,
-        turning_s: path.turning_s,
-        flight_s: movement_s + path.turning_s,
-        profile_s: profile.duration_s(),
-        battery_percent: problem.rig.battery.map(|battery| battery.percent(movement_s, path.turning_s)),
-        coverage_percent: capture.coverage_percent,
-        coverage_exposed_percent: capture.coverage_exposed_percent,
-        capturable_percent: capture.capturable_percent,
-        matched_percent: capture.matched_percent,
-        information: problem.objective.gain(capture.information),
-        objective: problem.objective.value(&path),
-        ..Metrics::default()
     }
 }

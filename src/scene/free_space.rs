@@ -117,10 +117,18 @@ impl FreeSpace {
 
     /// The same limits and zones around those structures alone that an earlier scene did not have.
     pub fn only_new(&self, differences: &Differences) -> Self {
-        let is_new = |index: usize| differences.kept[index].is_none();
-        let solids = self.solids.iter().enumerate().filter(|(index, _)| is_new(*index));
+        self.only(|index| differences.kept[index].is_none())
+    }
+
+    /// The same limits and zones without any structures.
+    pub fn without_structures(&self) -> Self {
+        self.only(|_| false)
+    }
+
+    fn only(&self, is_in: impl Fn(usize) -> bool) -> Self {
+        let solids = self.solids.iter().enumerate().filter(|(index, _)| is_in(*index));
         Self {
-            clearance: self.clearance.only(is_new),
+            clearance: self.clearance.only(&is_in),
             solids: solids.map(|(_, solid)| solid.clone()).collect(),
             zones: self.zones.clone(),
             terrain: self.terrain.clone(),

@@ -33,6 +33,9 @@ pub enum StopReason {
     Cancelled,
     /// The method has done all that it does; it does not search for a goal.
     Complete,
+    /// What can still be flown of an earlier flight after an edit, handed out before there is a field of the scene as it is: it is safe, what it captures
+    /// is not counted yet.
+    Safe,
     /// There was no search yet: what could still be flown of an earlier flight after an edit.
     Repaired,
     /// The search goes on: this flight is better than the one that it handed out before.

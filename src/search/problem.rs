@@ -128,6 +128,27 @@ impl<'a> Problem<'a> {
         before: Option<&Reach>,
         stop: &StopToken,
     ) -> Self {
+        let reach = |seeing: &Seeing| match before.zip(snapshot.changes()) {
+            Some((before, changes)) => before.after(seeing, changes),
+            None => Reach::new(seeing),
+        };
+        Self::reaching(snapshot, settings, rig, wanted, reach, stop)
+    }
+
+    /// For who only asks what can be flown: nothing counts as capturable, and so nothing is looked at for that.
+    pub fn to_fly(snapshot: &'a Snapshot, settings: &Settings, rig: Rig, wanted: &Wanted) -> Self {
+        let reach = |seeing: &Seeing| Reach::nothing(seeing.frames.len());
+        Self::reaching(snapshot, settings, rig, wanted, reach, &StopToken::default())
+    }
+
+    fn reaching(
+        snapshot: &'a Snapshot,
+        settings: &Settings,
+        rig: Rig,
+        wanted: &Wanted,
+        reach: impl FnOnce(&Seeing) -> Reach,
+        stop: &StopToken,
+    ) -> Self {
         let field = snapshot.field();
         let threshold = field.facts.threshold_cells;
         let frames = frames(&field);
@@ -140,10 +161,7 @@ impl<'a> Problem<'a> {
         let matching = Matching::new(&settings.quality);
         let is_shorter = disks.range_m() < snapshot.disks.range_m();
         let seeing = Seeing { field: &field, rig: &rig, frames: &frames, disks: &disks, is_shorter, matching: &matching, stop };
-        let reach = match before.zip(snapshot.changes()) {
-            Some((before, changes)) => before.after(&seeing, changes),
-            None => Reach::new(&seeing),
-        };
+        let reach = reach(&seeing);
         let Reach { mut ceilings, is_matchable: mut matchable } = reach.clone();
         let captured = wanted.captured.views(snapshot, &frames, &disks);
         for (i, views) in captured.iter().enumerate() {

@@ -46,6 +46,11 @@ impl Seeing<'_> {
 
 /// Nobody looks at what comes of it once it is abandoned.
 impl Reach {
+    /// For who does not ask: no sample can be captured or matched.
+    pub fn nothing(samples: usize) -> Self {
+        Self { ceilings: vec![0; samples], is_matchable: vec![false; samples] }
+    }
+
     pub fn new(seeing: &Seeing) -> Self {
         Self { ceilings: ceilings(seeing, None), is_matchable: matchable(seeing, None) }
     }

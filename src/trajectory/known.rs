@@ -2,11 +2,11 @@
 //! is safe still unless it comes too near to what was not there, enters a zone or leaves the limits. What results equals a look at everything.
 
 use std::collections::HashMap;
+use std::sync::{self, Weak};
 
 use nalgebra::Point3;
 
 use super::curve::{Arc, Curve};
-use crate::field::Snapshot;
 use crate::scene::free_space::FreeSpace;
 
 /// A flight that was found safe.
@@ -17,13 +17,16 @@ pub struct SafeFlight {
     pub deviations_m: Vec<f64>,
     /// Its first legs have rules of their own, and nothing is known of them.
     pub egress_legs: usize,
+    /// The space that it is safe in, and the revision of the scene that this belongs to.
+    pub space: Weak<FreeSpace>,
+    pub revision: u64,
     pub safety_distance_m: f64,
 }
 
-/// A flight that was safe in the revision before, and what has come since.
+/// A flight that was safe in an earlier space, and what has come since.
 #[derive(Debug)]
 pub struct Known {
-    flight: SafeFlight,
+    flight: sync::Arc<SafeFlight>,
     /// Places of the waypoints, to the last bit.
     places: HashMap<[u64; 3], usize>,
     /// The limits and zones as they are, and only the structures that were not there.
@@ -37,13 +40,20 @@ pub struct Scope<'s> {
     known: Option<&'s Known>,
 }
 
+impl SafeFlight {
+    /// Whether it is this very space that it is safe in.
+    pub fn is_safe_in(&self, free: &sync::Arc<FreeSpace>) -> bool {
+        self.space.ptr_eq(&sync::Arc::downgrade(free))
+    }
+}
+
 impl Known {
-    /// `None` where the snapshot does not say how it differs from the revision before, which the flight was safe in.
-    pub fn new(flight: SafeFlight, snapshot: &Snapshot) -> Option<Self> {
-        let changes = snapshot.changes()?;
-        let is_as_strict = flight.safety_distance_m == snapshot.free.safety_distance_m;
+    /// `newcomers` has the limits and zones as they are, and of the structures those that did not stand in the space that the flight is safe in. `None`
+    /// where another distance was kept there.
+    pub fn new(flight: sync::Arc<SafeFlight>, newcomers: FreeSpace) -> Option<Self> {
+        let is_as_strict = flight.safety_distance_m == newcomers.safety_distance_m;
         let places = flight.curve.waypoints.iter().enumerate().map(|(index, p)| (key(p), index)).collect();
-        is_as_strict.then(|| Self { newcomers: snapshot.free.only_new(&changes.differences), places, flight })
+        is_as_strict.then_some(Self { newcomers, places, flight })
     }
 
     fn place(&self, p: &Point3<f64>) -> Option<usize> {

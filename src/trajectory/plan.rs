@@ -25,9 +25,9 @@ pub struct Plan {
     pub metrics: Metrics,
     /// What the flight was timed with; `None` for a plan of a file that does not say.
     pub limits: Option<Limits>,
-    /// Covered hemisphere cells of each sample of the field, in its order, by exact rays from the images.
+    /// Covered hemisphere cells of each sample of the field, in its order, by exact rays from the images; empty where they are not counted yet.
     pub cells: Vec<u16>,
-    /// Cells of each sample that the rig's views from all viewpoints together cover: what a sample can reach at all.
+    /// Cells of each sample that the rig's views from all viewpoints together cover: what a sample can reach at all; empty with `cells`.
     pub ceilings: Vec<u16>,
     /// Coverage goal G, percent of the capturable samples.
     pub goal_percent: f64,
@@ -46,6 +46,11 @@ impl Plan {
     /// Images that the reconstruction should use.
     pub fn selected_images(&self) -> usize {
         self.images.iter().filter(|image| image.selected).count()
+    }
+
+    /// Whether it is known what it captures.
+    pub fn is_counted(&self) -> bool {
+        self.stop != StopReason::Safe
     }
 
     /// The waypoints, as a search goes on with them.
@@ -147,7 +152,7 @@ impl Image {
     }
 }
 
-/// The figures of a plan, as in `plan.json`.
+/// The figures of a plan, as in `plan.json`. Those of what it captures are NaN, all of them, where that is not counted yet ([`StopReason::Safe`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Metrics {
     pub length_m: f64,
@@ -172,6 +177,21 @@ pub struct Metrics {
     pub dropped_exposures: u32,
     /// The most that the flight smears an image at the surface nearest to it, px.
     pub blur_px: f64,
+}
+
+impl Metrics {
+    /// Without what a flight captures.
+    pub fn uncounted() -> Self {
+        Self {
+            coverage_percent: f64::NAN,
+            coverage_exposed_percent: f64::NAN,
+            capturable_percent: f64::NAN,
+            matched_percent: f64::NAN,
+            information: f64::NAN,
+            objective: f64::NAN,
+            ..Self::default()
+        }
+    }
 }
 
 /// What varies between runs of the same plan: written to `run.json`, never to `plan.json`.

@@ -4,6 +4,7 @@
 //! that are new, samples that are new, and such lines are cast again; what results equals what all images would show if they were looked at anew (`tests/plan_resumes.rs`).
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use nalgebra::{Point3, distance_squared};
 use rayon::prelude::*;
@@ -39,8 +40,8 @@ pub struct Record {
     tally: Tally,
     /// Slots of the images at the start, which belong to no leg.
     at_start: Vec<u32>,
-    /// The flight itself, once it is known to be safe.
-    pub flight: Option<SafeFlight>,
+    /// The flight itself, once it is known to be safe: in the scene of this revision, or already in the one that follows.
+    pub flight: Option<Arc<SafeFlight>>,
 }
 
 impl Record {
@@ -62,9 +63,15 @@ impl Record {
         })
     }
 
-    /// What is known to be safe of the flight in the revision that follows; it is given away.
+    /// What is known to be safe of the flight in a snapshot: all of it where it was found safe in its very space, else what has not met anything since the
+    /// revision before. It is given away.
     pub fn known(&mut self, snapshot: &Snapshot) -> Option<Known> {
-        self.flight.take().filter(|_| self.is_of_revision_before(snapshot)).and_then(|flight| Known::new(flight, snapshot))
+        let flight = self.flight.take()?;
+        if flight.is_safe_in(&snapshot.free) {
+            return Known::new(flight, snapshot.free.without_structures());
+        }
+        let changes = snapshot.changes().filter(|changes| changes.since == flight.revision)?;
+        Known::new(flight, snapshot.free.only_new(&changes.differences))
     }
 
     fn is_of_revision_before(&self, snapshot: &Snapshot) -> bool {

@@ -12,6 +12,7 @@ use overfly::scene::edit::Edit;
 use overfly::scene::{BlockSettings, NoFlyZone, Scene, Shape, Triangle, ZoneSource, generate_block};
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
+use overfly::trajectory::plan::Plan;
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 
@@ -69,6 +70,17 @@ pub fn random_edit(scene: &Scene, random: &mut ChaCha8Rng) -> Edit {
         }
         _ => Edit::Remove { id },
     }
+}
+
+/// A pillar around the middle of the longest leg, as far up as flights go: the flight before is not safe any more.
+pub fn pillar_on(plan: &Plan, number: usize) -> Edit {
+    let length = |k: &usize| (plan.waypoints[k + 1].position_m - plan.waypoints[*k].position_m).norm();
+    let longest = (0..plan.waypoints.len() - 1).max_by(|a, b| length(a).total_cmp(&length(b))).unwrap();
+    let middle = nalgebra::center(&plan.waypoints[longest].position_m, &plan.waypoints[longest + 1].position_m);
+    let (x, y) = (middle.x, middle.y);
+    let footprint =
+        polygon![(x: x - 1.0, y: y - 1.0), (x: x + 1.0, y: y - 1.0), (x: x + 1.0, y: y + 1.0), (x: x - 1.0, y: y + 1.0)];
+    Edit::add_prism(format!("pillar-{number}"), footprint, 0.0, middle.z + 1.0)
 }
 
 /// A prism, a mesh or an obstacle by chance, its south-west corner about here.

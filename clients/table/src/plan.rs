@@ -6,11 +6,15 @@ use crate::layout::{self, Block, LayoutError, Section};
 
 /// "OVFLYPLN" in memory order on a little-endian machine.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"OVFLYPLN");
-pub const SCHEMA: u32 = 5;
+pub const SCHEMA: u32 = 6;
 /// The code of [`PlanFacts::stop`] for a scene in which there is no flight.
 pub const INFEASIBLE: u64 = 8;
+/// The code of [`PlanFacts::stop`] for a flight that is safe and of which nobody has counted yet what it captures: those figures are NaN, and there are no
+/// cells. A plan that has them follows.
+pub const SAFE: u64 = 9;
 
-/// The figures of a plan, in the order of `metrics` in `plan.json`.
+/// The figures of a plan, in the order of `metrics` in `plan.json`. Coverage, capturable, matched, information and objective are NaN while they are not
+/// counted ([`SAFE`]).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct MetricsRow {
@@ -73,7 +77,7 @@ pub struct PlanFacts {
     /// 0 the coverage goal was reached, 1 the iterations were used up, 2 the search was stopped, 3 its memory was
     /// used up, 4 nothing more could be reached, 5 the method has done all that it does, 6 there was no search yet: what could
     /// still be flown of an earlier flight after an edit, 7 the search goes on and has found a better flight than before, 8 there is no
-    /// flight: see [`PlanTable::infeasible`].
+    /// flight: see [`PlanTable::infeasible`], 9 what can be flown at once after an edit: safe, what it captures is not counted yet ([`SAFE`]).
     pub stop: u64,
     pub origin_lat_deg: f64,
     pub origin_lon_deg: f64,

@@ -7,6 +7,8 @@ use overfly_client::{
     Client, ClientError, Domain, FieldMap, PlanMessage, PlanWatch, RefusalCode, SceneState, SceneStatus, Status, StatusFeed,
 };
 
+use overfly_table::plan::SAFE;
+
 use super::board::{Board, Phase};
 use super::scenes::{Detail, Stage};
 
@@ -95,6 +97,10 @@ impl Follower<'_> {
 
     /// After an edit paths go out alone, for as long as one follows the other; what the last of them captures takes a page and this machine longer.
     fn show_plan(&mut self, message: PlanMessage) -> Result<(), Parting> {
+        // It comes before the field that pages show its scene from, and the plan that comes with that has the same path.
+        if message.table().facts.stop == SAFE {
+            return Ok(());
+        }
         let map = self.client.field(self.scene)?;
         let is_alone = self.owed.is_some() || self.stage.field() != Some((map.instance(), map.epoch()));
         let is_shown = self.show(&map, &message, if is_alone { Detail::Path } else { Detail::Everything });

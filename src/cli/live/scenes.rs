@@ -60,7 +60,7 @@ impl Stage {
         let scene = self.set(number, field, message.scene()).scene.clone();
         if message.infeasible().is_none() {
             let (plan, _) = plan_table::from_table(&message.table())?;
-            let is_interim = matches!(plan.stop, StopReason::Repaired | StopReason::Improved);
+            let is_interim = matches!(plan.stop, StopReason::Safe | StopReason::Repaired | StopReason::Improved);
             let sighted = if detail == Detail::Path { None } else { Sighted::by_field(field, &plan, None).ok() };
             let label = format!("plan {} of revision {}", message.epoch(), plan.scene.revision);
             let flight = page::flight(&label, &plan, sighted);

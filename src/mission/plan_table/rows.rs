@@ -1,7 +1,7 @@
 //! The rows of a plan's table, each with the way back.
 
 use nalgebra::{Point3, Unit, Vector3};
-use overfly_table::plan::{CameraRow, ImageRow, IterationRow, LimitsRow, MetricsRow, PlanFacts, WaypointRow};
+use overfly_table::plan::{CameraRow, ImageRow, IterationRow, LimitsRow, MetricsRow, PlanFacts, SAFE, WaypointRow};
 
 use super::PlanTableError;
 use crate::camera::Intrinsics;
@@ -32,8 +32,14 @@ pub fn metrics_row(metrics: &Metrics, waypoints: usize) -> MetricsRow {
     }
 }
 
-pub fn metrics(row: &MetricsRow) -> Result<Metrics, PlanTableError> {
+/// Of a flight of which nothing `is_counted` yet no figure is there of what it captures.
+pub fn metrics(row: &MetricsRow, is_counted: bool) -> Result<Metrics, PlanTableError> {
     let figure = |value| finite("metrics", value);
+    let counted = |value: f64| match (is_counted, value.is_nan()) {
+        (true, _) => figure(value),
+        (false, true) => Ok(value),
+        (false, false) => Err(PlanTableError::Counted),
+    };
     let count = |code| u32::try_from(code).map_err(|_| PlanTableError::Code { what: "metrics", code });
     Ok(Metrics {
         length_m: figure(row.length_m)?,
@@ -42,12 +48,12 @@ pub fn metrics(row: &MetricsRow) -> Result<Metrics, PlanTableError> {
         flight_s: figure(row.flight_s)?,
         profile_s: figure(row.profile_s)?,
         battery_percent: Some(figure(row.battery_percent)?).filter(|&percent| percent >= 0.0),
-        coverage_percent: figure(row.coverage_percent)?,
-        coverage_exposed_percent: figure(row.coverage_exposed_percent)?,
-        capturable_percent: figure(row.capturable_percent)?,
-        matched_percent: figure(row.matched_percent)?,
-        information: figure(row.information)?,
-        objective: figure(row.objective)?,
+        coverage_percent: counted(row.coverage_percent)?,
+        coverage_exposed_percent: counted(row.coverage_exposed_percent)?,
+        capturable_percent: counted(row.capturable_percent)?,
+        matched_percent: counted(row.matched_percent)?,
+        information: counted(row.information)?,
+        objective: counted(row.objective)?,
         delayed_exposures: count(row.delayed_exposures)?,
         dropped_exposures: count(row.dropped_exposures)?,
         blur_px: figure(row.blur_px)?,
@@ -211,6 +217,7 @@ pub fn stop_code(stop: StopReason) -> u64 {
         StopReason::Complete => 5,
         StopReason::Repaired => 6,
         StopReason::Improved => 7,
+        StopReason::Safe => SAFE,
     }
 }
 
@@ -224,6 +231,7 @@ pub fn stop_reason(code: u64) -> Result<StopReason, PlanTableError> {
         5 => Ok(StopReason::Complete),
         6 => Ok(StopReason::Repaired),
         7 => Ok(StopReason::Improved),
+        SAFE => Ok(StopReason::Safe),
         code => Err(PlanTableError::Code { what: "stop reason", code }),
     }
 }

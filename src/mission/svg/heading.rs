@@ -98,6 +98,7 @@ fn ending(plan: &Plan) -> String {
         StopReason::IterationsUsed => format!("all {iterations} used"),
         StopReason::MemoryUsed => format!("memory used up after {iterations}"),
         StopReason::SpaceExhausted => format!("nothing more to reach after {iterations}"),
+        StopReason::Safe => "safe after an edit, what it captures is not counted yet".to_owned(),
         StopReason::Repaired => "repaired after an edit, not improved yet".to_owned(),
         StopReason::Improved => "improved after an edit, the search goes on".to_owned(),
         StopReason::Complete => "the method is complete".to_owned(),

@@ -55,6 +55,7 @@ pub struct PlanSummary {
     pub waypoints: u64,
     pub length_m: f64,
     pub flight_s: f64,
+    /// NaN while it is not counted, right after an edit.
     pub coverage_percent: f64,
     /// From taking up the request to the plan, s.
     pub total_s: f64,

@@ -5,7 +5,7 @@ mod support;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use overfly::camera::{Pose, Rig};
-use overfly::planner::{Conduct, Made, Method, PlanOptions, Progress, StopToken, plan, replan};
+use overfly::planner::{Conduct, Made, Method, PlanOptions, Progress, StopToken, look, plan, replan};
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
 use overfly::trajectory::plan::{Plan, StopReason};
@@ -156,6 +156,25 @@ fn no_flight_is_worse_than_one_that_came_before() {
         }
     }
     assert!(were_enough > 12, "{were_enough}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(10))]
+    #[test]
+    fn a_flight_on_the_way_captures_what_it_does_when_all_its_images_are_looked_at_anew(seed in 0u64..1000, rig in proptest::sample::select(rigs())) {
+        let settings = small_settings();
+        let mut edited = session(small_block(seed % 5), &settings);
+        let before = snapshot(&edited);
+        let first = plan(&before, &settings, &options(&rig, 20), &StopToken::default(), &mut |_| {}).unwrap();
+        edited.apply(&pillar_on(&first, 0)).expect("there is room for a pillar");
+        let after = snapshot_after(&edited, &before);
+        let with_goals = PlanOptions { goal_percent: Some(80.0), earlier: Some(poses(&first)), ..options(&rig, 30) };
+        let (interim, _) = planned(&after, &settings, &with_goals);
+        for plan in interim {
+            let (looked_at, _) = look(&after, &settings, &with_goals, plan.clone(), &StopToken::default()).unwrap();
+            prop_assert_eq!(looked_at.cells, plan.cells, "{:?}", plan.stop);
+        }
+    }
 }
 
 /// Rounds in which a flight is mended, at most, and in how many of the annealing nothing is handed out yet.

@@ -1,6 +1,6 @@
 //! Flights that are handed out while the search goes on, each better than the one before.
 
-use super::order::Order;
+use super::order::{Before, Order};
 use super::{Made, Objective, PlanError};
 use crate::camera::Pose;
 use crate::refine::{Confirmed, Worth};
@@ -8,6 +8,7 @@ use crate::search::Outcome;
 use crate::search::leg::headed;
 use crate::trajectory::evaluate::Capture;
 use crate::trajectory::plan::StopReason;
+use crate::trajectory::record::Record;
 use crate::trajectory::route::Found;
 
 /// What has been handed out so far of a search that goes on with an earlier flight.
@@ -15,6 +16,8 @@ pub struct Interim<'i> {
     order: &'i Order<'i>,
     on_interim: &'i mut (dyn FnMut(Made) + Send),
     best: Option<Best>,
+    /// What the images of the last flight see that was looked at.
+    looked: Option<Record>,
 }
 
 /// The best flight that was handed out: the part of it that is searched.
@@ -33,7 +36,7 @@ struct Standing {
 
 impl<'i> Interim<'i> {
     pub fn new(order: &'i Order<'i>, on_interim: &'i mut (dyn FnMut(Made) + Send)) -> Self {
-        Self { order, on_interim, best: None }
+        Self { order, on_interim, best: None, looked: None }
     }
 
     /// Whether somebody has a flight already while the search goes on.
@@ -43,6 +46,7 @@ impl<'i> Interim<'i> {
 
     /// Hands a flight out if it is short enough and better than all before.
     pub fn offer(&mut self, path: &[Pose], made: Made) {
+        self.looked = Some(made.record.clone());
         let standing = self.standing(&made);
         let is_short_enough = self.order.within_s().is_none_or(|within_s| standing.duration_s <= within_s);
         if is_short_enough && self.best.as_ref().is_none_or(|best| self.is_better(&standing, &best.standing)) {
@@ -58,7 +62,8 @@ impl<'i> Interim<'i> {
             // Known since it was handed out.
             return Confirmed { worth: standing.worth, duration_s: standing.duration_s - order.before_s() };
         }
-        match order.on_the_way(&headed(&order.problem.rig, path), StopReason::Improved, None) {
+        let before = self.looked.take().map_or(Before::Nothing, Before::Look);
+        match order.on_the_way(&headed(&order.problem.rig, path), StopReason::Improved, before) {
             Ok(made) => {
                 let Standing { worth, duration_s, .. } = self.standing(&made);
                 self.offer(path, made);
@@ -82,7 +87,7 @@ impl<'i> Interim<'i> {
                 };
                 let path = headed(&self.order.problem.rig, &best.path);
                 let outcome = Outcome { path, convergence: made.plan.convergence, stop };
-                self.order.finished(Found::of(outcome, self.order.problem), None)
+                self.order.finished(Found::of(outcome, self.order.problem), Before::Nothing)
             }
             _ => Ok(made),
         }

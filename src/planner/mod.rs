@@ -16,7 +16,7 @@ use rayon::ThreadPool;
 
 use self::en_route::Departure;
 use self::interim::Interim;
-use self::order::Order;
+use self::order::{Before, Order};
 use crate::baseline;
 use crate::camera::{Pose, Rig};
 use crate::field::Snapshot;
@@ -121,7 +121,7 @@ pub fn replan(
     order.check_wanted()?;
     let mut interim = Interim::new(&order, on_interim);
     if let Some(path) = &resumed {
-        match order.on_the_way(path, StopReason::Repaired, record) {
+        match order.on_the_way(path, StopReason::Repaired, record.map_or(Before::Nothing, Before::Edit)) {
             Ok(made) => interim.offer(path, made),
             Err(PlanError::Abandoned) => return Err(PlanError::Abandoned),
             // It may still be improved to a plan.
@@ -164,7 +164,7 @@ fn searched(
     let found = match options.method {
         Method::Refined => {
             let found = refined(order, resumed, &mut interim, on_progress)?;
-            return interim.last(order.finished(found, None)?);
+            return interim.last(order.finished(found, Before::Nothing)?);
         }
         Method::Paper => {
             let iterations = options.iterations.unwrap_or(settings.search.iterations);
@@ -174,7 +174,7 @@ fn searched(
         Method::Smith => baseline::smith::fly(problem, &settings.baseline, options.seed, stop, on_progress)?,
         Method::Zhou => baseline::zhou::fly(problem, &settings.baseline, options.seed, stop, on_progress)?,
     };
-    order.finished(found, None)
+    order.finished(found, Before::Nothing)
 }
 
 fn with_goal(settings: &Settings, goal_percent: Option<f64>) -> Settings {

@@ -23,6 +23,15 @@ use crate::trajectory::record::Record;
 use crate::trajectory::route::{Found, Route};
 use crate::trajectory::{images, safety, select};
 
+/// What the images of another flight see, so that only those are looked at that are new.
+pub enum Before {
+    Nothing,
+    /// In the field before an edit.
+    Edit(Record),
+    /// In this very field.
+    Look(Record),
+}
+
 /// A flight that is safe all along, and all that is known of it but what it captures.
 struct Checked {
     waypoints: Vec<Pose>,
@@ -54,19 +63,20 @@ pub struct Order<'o> {
 
 impl Order<'_> {
     /// The plan of a flight that is not the last one.
-    pub fn on_the_way(&self, path: &[Pose], stop: StopReason, before: Option<Record>) -> Result<Made, PlanError> {
+    pub fn on_the_way(&self, path: &[Pose], stop: StopReason, before: Before) -> Result<Made, PlanError> {
         let outcome = Outcome { path: path.to_vec(), convergence: Vec::new(), stop };
         self.finished(Found::of(outcome, self.problem), before)
     }
 
-    /// The plan of a flight that was found, with what its images capture. With the record of the flight before an edit only what may have changed is
+    /// The plan of a flight that was found, with what its images capture. With the record of another flight only what differs from it is
     /// looked at.
-    pub fn finished(&self, Found { route, convergence, stop: reason }: Found, before: Option<Record>) -> Result<Made, PlanError> {
+    pub fn finished(&self, Found { route, convergence, stop: reason }: Found, before: Before) -> Result<Made, PlanError> {
         let Self { snapshot, problem, matched_goal_percent, stop, ref departure, .. } = *self;
         let mut flight = self.checked(route)?;
         let record = match before {
-            Some(before) => before.after(snapshot, problem, &flight.images, stop),
-            None => Record::new(snapshot, problem, &flight.images, stop),
+            Before::Edit(before) => before.after(snapshot, problem, &flight.images, stop),
+            Before::Look(before) => before.beside(snapshot, problem, &flight.images, stop),
+            Before::Nothing => Record::new(snapshot, problem, &flight.images, stop),
         };
         let mut record = record.ok_or(PlanError::Abandoned)?;
         let capture = record.capture(problem);

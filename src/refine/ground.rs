@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Unit, Vector3};
+use rayon::prelude::*;
 
 use super::cells::CellCounts;
 use super::counts::{Counts, Worth};
@@ -15,6 +16,9 @@ use crate::search::leg::image_poses;
 use crate::settings::{RefineSettings, Settings};
 use crate::stop::StopToken;
 use crate::trajectory::profile::Limits;
+
+/// Rows of the field that a worker takes at once, at least.
+const LEAST_ROWS: usize = 64;
 
 /// The problem with what the moves need of it.
 pub struct Ground<'a> {
@@ -160,14 +164,21 @@ impl<'a> Ground<'a> {
         let problem = self.problem;
         let mut is_wanted = vec![false; problem.frames.len()];
         self.wanted.iter().for_each(|&i| is_wanted[i as usize] = true);
-        self.seers = vec![Vec::new(); problem.frames.len()];
-        self.rows = vec![Row::default(); problem.field.viewpoints.len()];
-        for (j, row) in self.rows.iter_mut().enumerate().take_while(|_| !self.stop.is_abandoned()) {
+        let row = |j: usize| {
+            let mut row = Row::default();
+            if self.stop.is_abandoned() {
+                return row;
+            }
             for i in problem.seen_from(j).filter(|&i| is_wanted[i]) {
-                self.seers[i].push(j as u32);
                 row.samples.push(i as u32);
                 row.targets.push(&problem.frames[i].position);
             }
+            row
+        };
+        self.rows = (0..problem.field.viewpoints.len()).into_par_iter().with_min_len(LEAST_ROWS).map(row).collect();
+        self.seers = vec![Vec::new(); problem.frames.len()];
+        for (j, row) in (0..).zip(&self.rows) {
+            row.samples.iter().for_each(|&i| self.seers[i as usize].push(j));
         }
         self.most = self.counts().most();
     }

@@ -89,9 +89,9 @@ const EARLY_LOOKS: [f64; 2] = [0.1, 0.25];
 const REPAIRS: u32 = 6;
 const REPAIR_SHARE: f64 = 0.02;
 /// A flight that goes on with an earlier one is mended before it is warmed: what the edit took is mostly had again after a few cold rounds, long before
-/// the annealing is over.
-const MENDS: u32 = 3;
-const MEND_ROUNDS: u32 = 3;
+/// the annealing is over. Whoever flies it waits for that, so that it is looked at after one round, and one more after every so many looks.
+const MENDS: u32 = 8;
+const MENDS_PER_ROUND: u32 = 3;
 
 /// Improves a flight round by round. `confirm` tells what a finished flight is really worth; what it captures more or less than was
 /// counted on decides how many samples are demanded.
@@ -117,8 +117,9 @@ pub fn refine(
         on_progress(&Progress { iteration: done, iterations: rounds.max(done), coverage_percent, length_m, objective });
     };
     if is_resumed {
+        annealing.price_as_late();
         let mut mending = Mending { aim, stop, confirm: &mut *confirm, on_round: &mut |record| tell(record, 0, rounds) };
-        mending.mend(&mut annealing, MENDS, |attempt| (MEND_ROUNDS * attempt).min(rounds));
+        mending.mend(&mut annealing, MENDS, |attempt| (1 + attempt / MENDS_PER_ROUND).min(rounds));
     }
     let mut pace = Pace::default();
     pace.note(0, stop.elapsed_s());

@@ -28,7 +28,7 @@ const SLACK_M: f64 = 1e-3;
 const LEAST_SAMPLES: usize = 256;
 
 /// What the images of a flight see of the samples of one revision.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Record {
     revision: u64,
     rig: Rig,
@@ -87,20 +87,27 @@ impl Record {
     pub fn after(self, snapshot: &Snapshot, problem: &Problem, images: &[Image], stop: &StopToken) -> Option<Self> {
         match snapshot.changes() {
             Some(changes) if self.reach_before(snapshot, &problem.rig, problem.disks.range_m()).is_some() => {
-                (!stop.is_abandoned()).then(|| self.followed(snapshot, problem, images, changes))
+                (!stop.is_abandoned()).then(|| self.followed(snapshot, problem, images, Some(changes)))
             }
             _ => Self::new(snapshot, problem, images, stop),
         }
     }
 
-    fn followed(self, snapshot: &Snapshot, problem: &Problem, images: &[Image], changes: &Changes) -> Self {
+    /// The record of another flight of the same problem. `None` when abandoned.
+    pub fn beside(self, snapshot: &Snapshot, problem: &Problem, images: &[Image], stop: &StopToken) -> Option<Self> {
+        (!stop.is_abandoned()).then(|| self.followed(snapshot, problem, images, None))
+    }
+
+    /// Without changes in the field that the record belongs to.
+    fn followed(self, snapshot: &Snapshot, problem: &Problem, images: &[Image], changes: Option<&Changes>) -> Self {
         let Self { rig, range_m, images: mut slots, sightings: Sightings(mut before), tally: counted, .. } = self;
         let cast = Recast::new(snapshot, problem, images, &mut slots, changes);
-        let mut tally = Tally::nothing(changes.same.len());
-        let lists = changes.same.iter().enumerate().map(|(i, same)| match *same {
+        let samples = problem.frames.len();
+        let mut tally = Tally::nothing(samples);
+        let same = |i: usize| changes.map_or(Some(i), |changes| changes.same[i].map(|old| old as usize));
+        let lists = (0..samples).map(|i| match same(i) {
             None => (None, Vec::new()),
             Some(old) => {
-                let old = old as usize;
                 (tally.cells[i], tally.is_matched[i]) = (counted.cells[old], counted.is_matched[old]);
                 // What could not be matched was not counted, and what was taken before the flight was another thing then.
                 let is_alone = !counted.is_captured[old] && problem.captured_views(i).is_empty();
@@ -183,7 +190,7 @@ struct Recast<'a> {
     in_slot: Vec<u32>,
     /// Boxes in which something changed, with the old images near them.
     beside: Vec<(Bounds, Vec<usize>)>,
-    exchange: &'a Exchange,
+    exchange: Option<&'a Exchange>,
     reach_m: f64,
 }
 
@@ -194,7 +201,7 @@ impl<'a> Recast<'a> {
         problem: &'a Problem,
         images: &'a [Image],
         slots: &mut Vec<Option<Image>>,
-        changes: &'a Changes,
+        changes: Option<&'a Changes>,
     ) -> Self {
         let occupied = slots.iter().enumerate().filter_map(|(slot, image)| Some((place(image.as_ref()?), slot as u32)));
         let mut known: HashMap<_, u32> = occupied.collect();
@@ -233,8 +240,8 @@ impl<'a> Recast<'a> {
             gone_at,
             is_gone,
             in_slot,
-            beside: changes.differences.boxes().map(beside).collect(),
-            exchange: &changes.exchange,
+            beside: changes.iter().flat_map(|changes| changes.differences.boxes()).map(beside).collect(),
+            exchange: changes.map(|changes| &changes.exchange),
             slots: slot,
             reach_m,
         }
@@ -257,7 +264,7 @@ impl<'a> Recast<'a> {
         let position = |k: usize| &self.caster.images[k].position_m;
         let mut again = self.new.within(place.x, self.reach_m);
         again.retain(|&k| is_near(position(k)));
-        for (bounds, beside) in &self.beside {
+        for ((bounds, beside), exchange) in self.beside.iter().flat_map(|beside| Some((beside, self.exchange?))) {
             if bounds.distance_squared(&place) > self.reach_m * self.reach_m {
                 continue;
             }
@@ -265,12 +272,12 @@ impl<'a> Recast<'a> {
             // A line that was free is blocked by nothing else than what has come, one that was blocked is free only where something is gone.
             let seeing = list.iter().map(|one| one.image as usize).filter(|&slot| !self.is_gone[slot]);
             let hidden = seeing.map(|slot| self.in_slot[slot] as usize).filter(is_crossed);
-            again.extend(hidden.filter(|&k| self.exchange.may_change(false, position(k), &end)));
-            if self.exchange.is_any_gone() {
+            again.extend(hidden.filter(|&k| exchange.may_change(false, position(k), &end)));
+            if exchange.is_any_gone() {
                 let may_see = |k: &usize| self.caster.may_see(&sample, *k);
                 let is_blind = |k: &usize| list.iter().all(|one| one.image != self.slots[*k]);
                 let shown = beside.iter().copied().filter(may_see).filter(is_crossed).filter(is_blind);
-                again.extend(shown.filter(|&k| self.exchange.may_change(true, position(k), &end)));
+                again.extend(shown.filter(|&k| exchange.may_change(true, position(k), &end)));
             }
         }
         let has_gone = self.gone.within(place.x, self.reach_m).into_iter().any(|k| is_near(&self.gone_at[k]));

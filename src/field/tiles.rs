@@ -35,10 +35,14 @@ pub fn tiles(cells: &[Cell], viewpoints: &[Viewpoint], spacing_m: f64) -> Vec<Ti
     let columns = (EDGE_M / spacing_m).round().max(1.0) as i64;
     let mut members: BTreeMap<[i64; 2], Vec<u32>> = BTreeMap::new();
     let mut start = 0;
-    for column in cells.chunk_by(|a, b| a[..2] == b[..2]) {
-        let key = [column[0][0], column[0][1]].map(|place| place.div_euclid(columns));
-        members.entry(key).or_default().extend(start..start + column.len() as u32);
-        start += column.len() as u32;
+    for mut row in cells.chunk_by(|a, b| a[0] == b[0]) {
+        // Of each row of columns those that lie in one tile follow each other: a city has many more columns than such stretches.
+        while let Some(first) = row.first() {
+            let key = [first[0], first[1]].map(|place| place.div_euclid(columns));
+            let (stretch, rest) = row.split_at(row.partition_point(|cell| cell[1] < (key[1] + 1) * columns));
+            members.entry(key).or_default().extend(start..start + stretch.len() as u32);
+            (start, row) = (start + stretch.len() as u32, rest);
+        }
     }
     let tile = |(key, members): ([i64; 2], Vec<u32>)| {
         let bounds = Bounds::of_points(members.iter().map(|&j| viewpoints[j as usize].position))?;

@@ -160,7 +160,9 @@ impl Plans {
 
     /// Adds a plan; the oldest ones go, but for the one that is `flown`. Nobody goes on with the record of any other but the last.
     pub fn publish(&mut self, plan: LastPlan, flown: Option<u64>) {
-        self.take_record();
+        if let Some(before) = self.0.back_mut() {
+            (before.record, before.safe) = (None, None);
+        }
         self.0.push_back(plan);
         if self.0.len() > KEPT_PLANS {
             let oldest = self.0.iter().position(|plan| Some(plan.header.epoch) != flown);

@@ -17,7 +17,7 @@ use crate::trajectory::evaluate::{self, Capture};
 use crate::trajectory::images::Exposed;
 use crate::trajectory::known::{Known, SafeFlight, Scope};
 use crate::trajectory::limits::Limits;
-use crate::trajectory::plan::{Camera, Image, Metrics, Plan, SceneStamp, StopReason, Waypoint};
+use crate::trajectory::plan::{Camera, Metrics, Plan, SceneStamp, StopReason, Waypoint};
 use crate::trajectory::profile::Profile;
 use crate::trajectory::record::Record;
 use crate::trajectory::route::{Found, Route};
@@ -30,21 +30,6 @@ pub enum Before {
     Edit(Record),
     /// In this very field.
     Look(Record),
-}
-
-/// A flight that is safe all along, and all that is known of it but what it captures.
-struct Checked {
-    waypoints: Vec<Pose>,
-    travel: PathSums,
-    limits: Limits,
-    deviations_m: Vec<f64>,
-    profile: Profile,
-    images: Vec<Image>,
-    delayed: u32,
-    dropped: u32,
-    egress: Egress,
-    clearance_m: f64,
-    blur_px: f64,
 }
 
 /// What a flight is planned by.
@@ -72,19 +57,21 @@ impl Order<'_> {
     /// looked at.
     pub fn finished(&self, Found { route, convergence, stop: reason }: Found, before: Before) -> Result<Made, PlanError> {
         let Self { snapshot, problem, matched_goal_percent, stop, ref departure, .. } = *self;
-        let mut flight = self.checked(route)?;
+        let flight = self.checked(route)?;
+        let images = &flight.exposed.images;
         let record = match before {
-            Before::Edit(before) => before.after(snapshot, problem, &flight.images, stop),
-            Before::Look(before) => before.beside(snapshot, problem, &flight.images, stop),
-            Before::Nothing => Record::new(snapshot, problem, &flight.images, stop),
+            Before::Edit(before) => before.after(snapshot, problem, images, stop),
+            Before::Look(before) => before.beside(snapshot, problem, images, stop),
+            Before::Nothing => Record::new(snapshot, problem, images, stop),
         };
         let mut record = record.ok_or(PlanError::Abandoned)?;
         let capture = record.capture(problem);
+        let mut plan = self.uncounted(&flight);
         // Which images are dispensable takes longer to find out than a flight on the way may wait.
         if !matches!(reason, StopReason::Repaired | StopReason::Improved) {
             let enough = problem.enough_matched(matched_goal_percent);
-            let selected = select::select(problem, record.sightings(), flight.images.len(), enough);
-            flight.images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
+            let selected = select::select(problem, record.sightings(), images.len(), enough);
+            plan.images.iter_mut().zip(selected).for_each(|(image, selected)| image.selected = selected);
         }
         self.check_wanted()?;
         // What belongs to no leg: the views at the start, or what was captured before a flight that begins in the air.
@@ -92,10 +79,9 @@ impl Order<'_> {
             None => record.information_at_start(problem),
             Some(_) => problem.captured_information(),
         };
-        record.flight = Some(self.safe(&flight));
         // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
-        let on_legs = PathSums { information: capture.information - at_start, ..flight.travel };
-        let uncounted = self.uncounted(flight);
+        let travel = problem.objective.travel(&flight.route.waypoints);
+        let on_legs = PathSums { information: capture.information - at_start, ..travel };
         let metrics = Metrics {
             coverage_percent: capture.coverage_percent,
             coverage_exposed_percent: capture.coverage_exposed_percent,
@@ -103,59 +89,60 @@ impl Order<'_> {
             matched_percent: capture.matched_percent,
             information: problem.objective.gain(capture.information),
             objective: problem.objective.value(&on_legs),
-            ..uncounted.metrics
+            ..plan.metrics
         };
         let (cells, ceilings) = (capture.cells, problem.ceilings.clone());
-        Ok(Made { plan: Plan { metrics, cells, ceilings, convergence, stop: reason, ..uncounted }, record })
+        record.flight = Some(flight);
+        Ok(Made { plan: Plan { metrics, cells, ceilings, convergence, stop: reason, ..plan }, record })
     }
 
     /// The plan of a path of which nobody has looked yet what it captures, and what is known of its safety then.
     pub fn safe_plan(&self, path: &[Pose]) -> Result<(Plan, Arc<SafeFlight>), PlanError> {
         let flight = self.checked(Route::continuous(path, &self.problem.rig, self.problem.spacing))?;
-        let safe = self.safe(&flight);
-        Ok((self.uncounted(flight), safe))
+        Ok((self.uncounted(&flight), flight))
     }
 
     /// A route as it is flown: its curve, timed, with its images, and safe all along.
-    fn checked(&self, route: Route) -> Result<Checked, PlanError> {
+    fn checked(&self, route: Route) -> Result<Arc<SafeFlight>, PlanError> {
         let Self { snapshot, problem, ref departure, .. } = *self;
-        let rig = &problem.rig;
+        let (rig, free) = (&problem.rig, &snapshot.free);
         let route = self.whole_route(route);
+        let (limits, egress) = (self.limits(), departure.as_ref().map_or_else(Egress::default, |departure| departure.egress));
+        if let Some(flight) = self.known.as_ref().and_then(|known| known.flight(rig, &route, &limits, egress, free)) {
+            return Ok(Arc::clone(flight));
+        }
         self.check_wanted()?;
-        let (limits, deviations_m, profile) = self.timed(&route.waypoints);
+        let (deviations_m, profile) = self.timed(&route.waypoints, &limits);
         self.check_wanted()?;
-        let Exposed { images, delayed, dropped } = images::expose(&route, rig, &profile);
+        let exposed = images::expose(&route, rig, &profile);
         self.check_wanted()?;
-        let egress = departure.as_ref().map_or_else(Egress::default, |departure| departure.egress);
-        egress.check(&profile.curve().waypoints, &limits, &snapshot.free)?;
+        egress.check(&profile.curve().waypoints, &limits, free)?;
         let clearance_m = safety::check_behind(profile.curve(), egress.legs(), self.scope())?;
-        safety::check_views(rig, &images)?;
+        safety::check_views(rig, &exposed.images)?;
         self.check_wanted()?;
-        let blur_px = images::blur_px(&images, rig, &profile, &snapshot.free.clearance);
-        let travel = problem.objective.travel(&route.waypoints);
-        let waypoints = route.waypoints;
-        Ok(Checked { waypoints, travel, limits, deviations_m, profile, images, delayed, dropped, egress, clearance_m, blur_px })
-    }
-
-    fn safe(&self, flight: &Checked) -> Arc<SafeFlight> {
-        let Checked { deviations_m, profile, egress, .. } = flight;
-        let free = &self.snapshot.free;
-        Arc::new(SafeFlight {
-            curve: profile.curve().clone(),
-            deviations_m: deviations_m.clone(),
-            egress_legs: egress.legs(),
+        let blur_px = images::blur_px(&exposed.images, rig, &profile, &free.clearance);
+        Ok(Arc::new(SafeFlight {
+            rig: rig.clone(),
+            route,
+            limits,
+            deviations_m,
+            profile,
+            exposed,
+            egress,
+            clearance_m,
+            blur_px,
             space: Arc::downgrade(free),
-            revision: self.snapshot.revision,
+            revision: snapshot.revision,
             safety_distance_m: free.safety_distance_m,
-        })
+        }))
     }
 
     /// The plan of a flight without what it captures.
-    fn uncounted(&self, flight: Checked) -> Plan {
+    fn uncounted(&self, flight: &SafeFlight) -> Plan {
         let Self { snapshot, settings, options, problem, matched_goal_percent, .. } = *self;
-        let Checked { waypoints, travel, limits, deviations_m, profile, images, delayed, dropped, egress, clearance_m, blur_px } =
-            flight;
-        let rig = &problem.rig;
+        let SafeFlight { rig, route, limits, deviations_m, profile, exposed, egress, clearance_m, blur_px, .. } = flight;
+        let Exposed { images, delayed, dropped } = exposed;
+        let travel = problem.objective.travel(&route.waypoints);
         let movement_s = travel.length_m / settings.flight.cruise_speed_mps;
         let metrics = Metrics {
             length_m: travel.length_m,
@@ -164,9 +151,9 @@ impl Order<'_> {
             flight_s: movement_s + travel.turning_s,
             profile_s: profile.duration_s(),
             battery_percent: rig.battery.map(|battery| battery.percent(movement_s, travel.turning_s)),
-            delayed_exposures: delayed,
-            dropped_exposures: dropped,
-            blur_px,
+            delayed_exposures: *delayed,
+            dropped_exposures: *dropped,
+            blur_px: *blur_px,
             ..Metrics::uncounted()
         };
         let waypoint =
@@ -182,15 +169,15 @@ impl Order<'_> {
             method: options.method.name().to_owned(),
             cameras: Camera::all_of(rig),
             metrics,
-            limits: Some(limits),
-            waypoints: waypoints.iter().zip(&deviations_m).map(waypoint).collect(),
-            images,
+            limits: Some(*limits),
+            waypoints: route.waypoints.iter().zip(deviations_m).map(waypoint).collect(),
+            images: images.clone(),
             cells: Vec::new(),
             ceilings: Vec::new(),
             goal_percent: settings.coverage.goal_percent,
             matched_goal_percent,
-            egress,
-            clearance_m,
+            egress: *egress,
+            clearance_m: *clearance_m,
             convergence: Vec::new(),
             stop: StopReason::Safe,
         }
@@ -238,7 +225,7 @@ impl Order<'_> {
             return Confirmed { worth: Worth::default(), duration_s: f64::INFINITY };
         }
         let route = self.whole_route(Route::continuous(path, &problem.rig, problem.spacing));
-        let (_, _, profile) = self.timed(&route.waypoints);
+        let (_, profile) = self.timed(&route.waypoints, &self.limits());
         let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
         let worth = evaluate::sightings(snapshot, &problem.disks, &images, stop).map_or(Worth::default(), |sightings| {
             let Capture { captured, matched, .. } = sightings.capture(problem, |_| true);
@@ -255,21 +242,25 @@ impl Order<'_> {
     /// The profile of the curve that is flown, with all that comes before the part of it that is searched.
     pub fn profile(&self, path: &[Pose]) -> Profile {
         match &self.departure {
-            None => self.timed(path).2,
-            Some(departure) => self.timed(&departure.whole(path)).2,
+            None => self.timed(path, &self.limits()).1,
+            Some(departure) => self.timed(&departure.whole(path), &self.limits()).1,
         }
     }
 
-    /// A whole path as it is flown: its limits, how far the arcs may pass from the corners, m, and its profile.
-    fn timed(&self, path: &[Pose]) -> (Limits, Vec<f64>, Profile) {
-        let mut limits = Limits::new(&self.problem.rig, &self.settings.flight, &self.settings.dynamics);
-        let mut deviations_m = safety::deviations_m(path, &limits, self.scope());
+    /// What a whole path is timed with.
+    fn limits(&self) -> Limits {
+        let limits = Limits::new(&self.problem.rig, &self.settings.flight, &self.settings.dynamics);
+        Limits { entry_mps: self.departure.as_ref().map_or(limits.entry_mps, Departure::entry_mps), ..limits }
+    }
+
+    /// A whole path as it is flown: how far the arcs may pass from the corners, m, and its profile.
+    fn timed(&self, path: &[Pose], limits: &Limits) -> (Vec<f64>, Profile) {
+        let mut deviations_m = safety::deviations_m(path, limits, self.scope());
         if let Some(departure) = &self.departure {
-            limits.entry_mps = departure.entry_mps();
             deviations_m = departure.stopped(deviations_m);
         }
-        let profile = Profile::rounded(path, &limits, &deviations_m);
-        (limits, deviations_m, profile)
+        let profile = Profile::rounded(path, limits, &deviations_m);
+        (deviations_m, profile)
     }
 
     fn whole_route(&self, route: Route) -> Route {

@@ -7,16 +7,30 @@ use std::sync::{self, Weak};
 use nalgebra::Point3;
 
 use super::curve::{Arc, Curve};
+use super::egress::Egress;
+use super::images::Exposed;
+use super::limits::Limits;
+use super::profile::Profile;
+use super::route::Route;
+use crate::camera::Rig;
 use crate::scene::free_space::FreeSpace;
 
-/// A flight that was found safe.
+/// A flight that was found safe, as it is flown, and all that is known of it but what it captures.
 #[derive(Clone, Debug)]
 pub struct SafeFlight {
-    pub curve: Curve,
+    pub rig: Rig,
+    pub route: Route,
+    pub limits: Limits,
     /// How far each arc may pass from its corner, m.
     pub deviations_m: Vec<f64>,
-    /// Its first legs have rules of their own, and nothing is known of them.
-    pub egress_legs: usize,
+    pub profile: Profile,
+    pub exposed: Exposed,
+    /// Its first legs may have rules of their own, and nothing is known of them.
+    pub egress: Egress,
+    /// Smallest distance of the curve to a structure or the ground, m.
+    pub clearance_m: f64,
+    /// The most that the flight smears an image, px.
+    pub blur_px: f64,
     /// The space that it is safe in, and the revision of the scene that this belongs to.
     pub space: Weak<FreeSpace>,
     pub revision: u64,
@@ -41,6 +55,10 @@ pub struct Scope<'s> {
 }
 
 impl SafeFlight {
+    fn curve(&self) -> &Curve {
+        self.profile.curve()
+    }
+
     /// Whether it is this very space that it is safe in.
     pub fn is_safe_in(&self, free: &sync::Arc<FreeSpace>) -> bool {
         self.space.ptr_eq(&sync::Arc::downgrade(free))
@@ -52,12 +70,26 @@ impl Known {
     /// where another distance was kept there.
     pub fn new(flight: sync::Arc<SafeFlight>, newcomers: FreeSpace) -> Option<Self> {
         let is_as_strict = flight.safety_distance_m == newcomers.safety_distance_m;
-        let places = flight.curve.waypoints.iter().enumerate().map(|(index, p)| (key(p), index)).collect();
+        let places = flight.curve().waypoints.iter().enumerate().map(|(index, p)| (key(p), index)).collect();
         is_as_strict.then_some(Self { newcomers, places, flight })
     }
 
+    /// The flight itself, if it is this one in this very space: so it need not be looked at again.
+    pub fn flight(
+        &self,
+        rig: &Rig,
+        route: &Route,
+        limits: &Limits,
+        egress: Egress,
+        free: &sync::Arc<FreeSpace>,
+    ) -> Option<&sync::Arc<SafeFlight>> {
+        let flight = &self.flight;
+        let is_same = flight.is_safe_in(free) && flight.egress == egress && flight.limits == *limits && flight.rig == *rig;
+        (is_same && flight.route == *route).then_some(flight)
+    }
+
     fn place(&self, p: &Point3<f64>) -> Option<usize> {
-        self.places.get(&key(p)).copied().filter(|&place| place >= self.flight.egress_legs)
+        self.places.get(&key(p)).copied().filter(|&place| place >= self.flight.egress.legs())
     }
 
     /// The leg between two waypoints that follow each other.
@@ -96,13 +128,13 @@ impl<'s> Scope<'s> {
     pub fn along_straight(&self, curve: &Curve, leg: usize) -> &'s FreeSpace {
         self.where_known(|known| {
             let before = known.leg(&curve.waypoints[leg], &curve.waypoints[leg + 1]);
-            before.is_some_and(|before| known.flight.curve.straight(before) == curve.straight(leg))
+            before.is_some_and(|before| known.flight.curve().straight(before) == curve.straight(leg))
         })
     }
 
     /// For an arc.
     pub fn on_arc(&self, arc: &Arc) -> &'s FreeSpace {
-        self.where_known(|known| known.place(&arc.corner).is_some_and(|place| known.flight.curve.arcs[place] == *arc))
+        self.where_known(|known| known.place(&arc.corner).is_some_and(|place| known.flight.curve().arcs[place] == *arc))
     }
 
     /// For an arc that passes so far from the corner between two waypoints, m.

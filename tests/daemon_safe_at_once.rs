@@ -4,7 +4,7 @@ mod served;
 
 use std::time::Duration;
 
-use overfly_client::{EditOrder, PlanOrder, RefusalCode, SceneState};
+use overfly_client::{EditOrder, PlanOrder, RefusalCode};
 use overfly_table::plan::SAFE;
 use served::{PATIENCE, Served, block, load, quick, refusal, wait_for};
 
@@ -49,27 +49,20 @@ fn a_search_in_the_scene_before_publishes_nothing_behind_the_first_safe_plan() {
     let served = Served::start();
     let client = served.client();
     load(&client, "block");
-    client.plan("block", &quick(), &mut |_| {}).unwrap();
+    let order = PlanOrder { iterations: Some(60), goal_percent: Some(90.0), ..Default::default() };
+    client.plan("block", &order, &mut |_| {}).unwrap();
     let watch = client.watch("block").unwrap();
     let structure = client.structures("block").unwrap()[0].name.clone();
-    let long = PlanOrder { iterations: Some(400), goal_percent: Some(90.0), ..Default::default() };
-    for revision in 2..6 {
-        std::thread::scope(|threads| {
-            let search = threads.spawn(|| served.client().plan("block", &long, &mut |_| {}).map(drop));
-            wait_for("the search", || client.status().unwrap().scenes.iter().find(|s| s.state == SceneState::Planning).map(drop));
-            let edited = client.edit("block", &EditOrder::Raise { structure: structure.clone(), by_m: 1.0 }).unwrap();
-            assert_eq!(edited.revision, revision);
-            // It may have ended just before.
-            if let Err(error) = search.join().unwrap() {
-                assert_eq!(refusal::<()>(Err(error)).0, RefusalCode::Superseded);
-            }
-            client.cancel("block").unwrap();
-            drop(client.await_replan(&edited, PATIENCE, &mut |_| {}));
-        });
-    }
     let mut revisions = Vec::new();
-    while let Some(plan) = watch.next(Duration::ZERO).unwrap() {
-        revisions.push(plan.table().facts.revision);
+    // Each edit comes while the search after the one before hands out one plan after the other.
+    for number in 0..80u64 {
+        let raise = EditOrder::Raise { structure: structure.clone(), by_m: 0.25 };
+        let lower = EditOrder::Lower { structure: structure.clone(), by_m: 0.25 };
+        client.edit("block", if number % 2 == 0 { &raise } else { &lower }).unwrap();
+        std::thread::sleep(Duration::from_millis(number * 7 % 40));
+        while let Some(plan) = watch.next(Duration::ZERO).unwrap() {
+            revisions.push(plan.table().facts.revision);
+        }
     }
-    assert!(revisions.len() >= 8 && revisions.is_sorted(), "{revisions:?}");
+    assert!(revisions.len() > 80 && revisions.is_sorted(), "{revisions:?}");
 }

@@ -13,12 +13,11 @@ use overfly::session::{Cleared, Session, Snapshot};
 use overfly::settings::Settings;
 use overfly::trajectory::known::Scope;
 use overfly::trajectory::plan::{Metrics, Plan, RunTimes, StopReason};
-use overfly::trajectory::record::Record;
 use overfly::trajectory::safety;
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
-use support::{pillar_on, random_edit, rigs, session, small_block, small_settings, snapshot};
+use support::{pillar_on, random_edit, repaired, rigs, session, small_block, small_settings, snapshot};
 
 fn options(rig: &Rig, rounds: u32) -> PlanOptions {
     PlanOptions { iterations: Some(rounds), ..PlanOptions::new(rig.clone(), Method::Refined, 5) }
@@ -46,17 +45,6 @@ fn bytes(plan: &Plan) -> Vec<overfly_table::Block> {
 fn is_safe(plan: &Plan, cleared: &Cleared) -> bool {
     let profile = plan.profile().expect("a plan says how it was timed");
     safety::check_behind(profile.curve(), plan.egress.legs(), Scope::everywhere(&cleared.free)).is_ok()
-}
-
-/// The first plan on the field, and its record.
-fn repaired(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions, record: Option<Record>) -> Option<Made> {
-    let (mut repaired, stop) = (None, StopToken::default());
-    let on_interim = &mut |made: Made| {
-        repaired = Some(made);
-        stop.abandon();
-    };
-    let _ = replan(snapshot, settings, options, record, Conduct { on_interim, ..Conduct::unheard(&stop) });
-    repaired
 }
 
 #[test]

@@ -9,10 +9,9 @@ use overfly::planner::{Conduct, Made, Method, PlanOptions, Progress, StopToken, 
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
 use overfly::trajectory::plan::{Plan, StopReason};
-use overfly::trajectory::record::Record;
 use overfly::trajectory::safety;
 use proptest::prelude::*;
-use support::{pillar_on, rigs, session, small_block, small_settings, snapshot, snapshot_after};
+use support::{pillar_on, repaired, rigs, session, small_block, small_settings, snapshot, snapshot_after};
 
 fn options(rig: &Rig, rounds: u32) -> PlanOptions {
     PlanOptions { iterations: Some(rounds), ..PlanOptions::new(rig.clone(), Method::Refined, 5) }
@@ -90,20 +89,6 @@ proptest! {
         prop_assert!(interim.iter().chain([&second]).all(|plan| is_safe(plan, &after)));
         prop_assert_eq!(on(3), (interim, second));
     }
-}
-
-/// The repaired flight alone, with what its images see.
-fn repaired(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions, record: Option<Record>) -> Option<Made> {
-    let (mut repaired, stop) = (None, StopToken::default());
-    let on_interim = &mut |made: Made| {
-        repaired = Some(made);
-        // What follows is not looked at.
-        stop.abandon();
-    };
-    let conduct = Conduct { on_interim, ..Conduct::unheard(&stop) };
-    let made = replan(snapshot, settings, options, record, conduct);
-    assert!(repaired.is_none() || made.is_err());
-    repaired
 }
 
 proptest! {

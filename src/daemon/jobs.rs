@@ -66,7 +66,7 @@ pub enum NewsKind {
     Read(Box<SceneFile>),
     Built(Box<BuiltField>),
     /// What can be flown at once in a scene whose field is being built: not the last news.
-    Safe(Box<SafePlan>, Attended),
+    Safe(PlannedFlight, Attended),
     /// A plan that comes before the one that the job is for: not the last news.
     Interim(PlannedFlight, Attended),
     /// What images capture that were reported as taken: not the last news.
@@ -98,20 +98,12 @@ pub struct BuiltField {
     pub field_s: f64,
 }
 
-/// What can be flown after an edit, before anybody has counted what it captures.
-#[derive(Debug)]
-pub struct SafePlan {
-    pub plan: Plan,
-    pub times: RunTimes,
-    pub flight: Arc<SafeFlight>,
-}
-
 /// A plan that will be published.
 #[derive(Debug)]
 pub struct PlannedFlight {
     pub plan: Plan,
     pub times: RunTimes,
-    /// What its images see, for the plan after the next edit.
+    /// What its images see, for the plan after the next edit; `None` where nobody has looked yet.
     pub record: Option<Record>,
     /// The flight as it was found safe.
     pub safe: Option<Arc<SafeFlight>>,

@@ -19,6 +19,7 @@ mod flown;
 mod jobs;
 mod ledger;
 mod main_loop;
+mod plans;
 mod ports;
 mod requests;
 mod results;

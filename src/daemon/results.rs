@@ -6,16 +6,14 @@ use overfly_wire::{Header, Kind, Loaded, Refusal, RefusalCode, Reply, Updated, m
 
 use super::edits::{self, Change, NewVersion, PendingEdit};
 use super::field_channel::FieldChannel;
-use super::jobs::{Assignment, BuiltField, Failure, FieldSource, JobId, News, NewsKind, PlannedFlight, SafePlan};
+use super::jobs::{Assignment, BuiltField, Failure, FieldSource, JobId, News, NewsKind};
 use super::ledger::Ticket;
-use super::ports::{Ports, SendError};
+use super::ports::Ports;
 use super::scene_file::SceneFile;
-use super::scenes::{Cause, Current, FieldFigures, LastPlan, Load, Orders, Plans, Queued, Search, Slot, Task};
+use super::scenes::{Cause, Current, FieldFigures, Load, Orders, Plans, Queued, Slot, Task};
 use super::state::{Daemon, Purpose, Reading, UpdateOf, stopping, tell};
-use crate::mission::plan_table;
 use crate::scene::anchor::Anchor;
 use crate::settings::Settings;
-use crate::trajectory::plan::{Plan, RunTimes};
 
 impl Daemon {
     /// Reacts to the news of one job. News of a job that something newer has replaced are dropped, and their memory with them.
@@ -31,7 +29,7 @@ impl Daemon {
         let Some(scene) = self.owners.get(&news.job).cloned() else { return };
         match news.kind {
             NewsKind::Progress(_) => return self.on_progress(ports, &scene, &news),
-            NewsKind::Safe(plan, _attended) => return self.on_safe(ports, &scene, news.job, *plan),
+            NewsKind::Safe(plan, _attended) => return self.on_safe(ports, &scene, news.job, plan),
             NewsKind::Interim(flight, _attended) => return self.on_interim(ports, &scene, flight),
             NewsKind::Evaluated(evaluated) => {
                 if let Some(flown) = self.scenes.get_mut(&scene).and_then(|slot| slot.flown.as_mut()) {
@@ -249,107 +247,6 @@ impl Daemon {
         Ok(Current { session, request, anchor, snapshot, epoch, field_bytes, figures })
     }
 
-    fn on_planned(&mut self, ports: &Ports, scene: &str, flight: PlannedFlight, search: Search) {
-        let epoch = self.next_epoch();
-        let Search { ticket, order, .. } = search;
-        if let Some(remark) = &flight.remark {
-            tracing::warn!(scene, epoch, remark, "planned otherwise than ordered");
-        }
-        let remark = flight.remark.clone();
-        let sent = self.publish_plan(ports, scene, epoch, Some(ticket), flight);
-        if let Some(slot) = self.scenes.get_mut(scene) {
-            slot.orders.prove(order);
-            slot.remark = remark;
-        }
-        match sent {
-            Ok(()) => self.answer(ports, ticket, &Reply::Planned { epoch }, false),
-            Err(error) => self.refuse(ports, ticket, Refusal::new(RefusalCode::Memory, error.to_string())),
-        }
-    }
-
-    /// Publishes what can be flown at once in a scene whose field is still being built. The edit is not made before that stands; but from now on
-    /// nobody is to fly what a search finds in the scene as it was.
-    fn on_safe(&mut self, ports: &Ports, scene: &str, job: JobId, SafePlan { plan, times, flight }: SafePlan) {
-        let building = self.scenes.get(scene).and_then(|slot| slot.edits.building.as_ref());
-        if building.is_none_or(|batch| batch.assignment.job != job) {
-            return;
-        }
-        self.supersede_search(ports, scene, "an edit");
-        let mut record = self.scenes.get_mut(scene).and_then(|slot| slot.plans.take_record());
-        // What its images see has to be looked at, but not again whether it is safe.
-        record.iter_mut().for_each(|record| record.flight = Some(Arc::clone(&flight)));
-        let epoch = self.next_epoch();
-        let planned = PlannedFlight { plan, times, record, safe: Some(flight), remark: None };
-        if let Err(error) = self.publish_plan(ports, scene, epoch, None, planned) {
-            tracing::warn!(scene, %error, "the first safe plan was not published");
-        }
-        self.changed = true;
-    }
-
-    /// Edits that are not made may have been followed by a plan already: the one that was flown before them is published again.
-    fn take_back_plan(&mut self, ports: &Ports, scene: &str) {
-        let slot = self.scenes.get(scene);
-        let Some((slot, current)) = slot.and_then(|slot| Some((slot, slot.current.as_ref()?))) else { return };
-        let revision = current.session.revision();
-        let is_ahead = slot.plans.last().is_some_and(|last| last.plan.scene.revision > revision);
-        let Some(before) = slot.plans.up_to(revision).filter(|_| is_ahead) else { return };
-        let planned = PlannedFlight { plan: before.plan.clone(), times: before.times, record: None, safe: None, remark: None };
-        let epoch = self.next_epoch();
-        if let Err(error) = self.publish_plan(ports, scene, epoch, None, planned) {
-            tracing::warn!(scene, %error, "the plan before edits that were not made was not published again");
-        }
-    }
-
-    /// Publishes what can be flown so far after an edit. It answers nobody: the plan that was asked for comes later.
-    fn on_interim(&mut self, ports: &Ports, scene: &str, flight: PlannedFlight) {
-        let epoch = self.next_epoch();
-        if let Err(error) = self.publish_plan(ports, scene, epoch, None, flight) {
-            tracing::warn!(scene, %error, "a plan on the way was not published");
-        }
-        self.changed = true;
-    }
-
-    /// Publishes a plan, for whoever asked for it, and keeps it as the scene's last one.
-    fn publish_plan(
-        &mut self,
-        ports: &Ports,
-        scene: &str,
-        epoch: u64,
-        ticket: Option<Ticket>,
-        PlannedFlight { plan, times, record, safe, .. }: PlannedFlight,
-    ) -> Result<(), SendError> {
-        log_plan(scene, epoch, &plan, &times);
-        let before = self.scenes.get(scene).and_then(|slot| slot.plans.last());
-        let header = Header {
-            instance: self.instance,
-            epoch,
-            client: ticket.map_or(0, |ticket| ticket.client),
-            correlation: ticket.map_or(0, |ticket| ticket.correlation),
-            follows: before.map_or(0, |before| before.header.epoch),
-            first_changed: before.map_or(0, |before| before.first_changed(&plan)),
-            ..Header::new(Kind::Plan)
-        };
-        let last = LastPlan { header, plan, times, record, safe };
-        let sent = last.publish(ports);
-        if let Some(slot) = self.scenes.get_mut(scene) {
-            slot.publish(last);
-        }
-        sent
-    }
-
-    /// Tells everybody that there is no flight in the scene since an edit. The plan before is kept: a later edit may make it safe again.
-    fn publish_infeasible(&mut self, ports: &Ports, scene: &str, reason: &str) {
-        let epoch = self.next_epoch();
-        let Some(slot) = self.scenes.get(scene) else { return };
-        let revision = slot.current.as_ref().map_or(0, |current| current.session.revision());
-        let follows = slot.plans.last().map_or(0, |before| before.header.epoch);
-        let header = Header { instance: self.instance, epoch, follows, ..Header::new(Kind::Plan) };
-        let table = plan_table::infeasible(scene, revision, reason);
-        if let Err(error) = ports.publish_plan(header, table.len(), |blocks| blocks.copy_from_slice(&table)) {
-            tracing::warn!(scene, %error, "it was not published that there is no flight");
-        }
-    }
-
     fn on_failed(&mut self, ports: &Ports, scene: &str, failure: Failure, task: Task) {
         let refusal = match failure {
             Failure::Refused(refusal) => refusal,
@@ -416,20 +313,4 @@ fn loaded(scene: &str, load: Load, figures: FieldFigures, field_bytes: u64, fiel
         report_json: load.report_json,
         report_lines: load.report_lines,
     }
-}
-
-fn log_plan(scene: &str, epoch: u64, plan: &Plan, times: &RunTimes) {
-    tracing::info!(
-        scene,
-        epoch,
-        revision = plan.scene.revision,
-        seed = plan.seed,
-        stop = ?plan.stop,
-        coverage_percent = plan.metrics.coverage_percent,
-        length_m = plan.metrics.length_m,
-        waypoints = plan.waypoints.len(),
-        search_s = times.search_s,
-        total_s = times.total_s,
-        "plan published"
-    );
 }

@@ -46,12 +46,14 @@ impl<'i> Interim<'i> {
 
     /// Hands a flight out if it is short enough and better than all before.
     pub fn offer(&mut self, path: &[Pose], made: Made) {
-        self.looked = Some(made.record.clone());
         let standing = self.standing(&made);
         let is_short_enough = self.order.within_s().is_none_or(|within_s| standing.duration_s <= within_s);
         if is_short_enough && self.best.as_ref().is_none_or(|best| self.is_better(&standing, &best.standing)) {
             self.best = Some(Best { path: path.to_vec(), standing });
+            self.looked = Some(made.record.clone());
             (self.on_interim)(made);
+        } else {
+            self.looked = Some(made.record);
         }
     }
 

@@ -30,9 +30,8 @@ use crate::trajectory::route::Found;
 
 pub use en_route::EnRoute;
 pub use look::look;
-pub use safe::safe;
-
 pub use options::{MOST_BUDGET_S, Method, Objective, PlanError, PlanOptions};
+pub use safe::safe;
 
 pub use crate::search::Progress;
 pub use crate::stop::StopToken;

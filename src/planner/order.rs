@@ -1,8 +1,8 @@
 //! What is ordered of a flight, and the way from a path to a plan.
 
-use super::en_route::Departure;
 use std::sync::Arc;
 
+use super::en_route::Departure;
 use super::{Made, Method, PlanError, PlanOptions, resume, start};
 use crate::camera::Pose;
 use crate::field::Snapshot;
@@ -80,8 +80,8 @@ impl Order<'_> {
             Some(_) => problem.captured_information(),
         };
         // Eq. 6 sums from k = 2: what the views at the start see belongs to no leg.
-        let travel = problem.objective.travel(&flight.route.waypoints);
-        let on_legs = PathSums { information: capture.information - at_start, ..travel };
+        let Metrics { length_m, turning_s, .. } = plan.metrics;
+        let on_legs = PathSums { information: capture.information - at_start, length_m, turning_s };
         let metrics = Metrics {
             coverage_percent: capture.coverage_percent,
             coverage_exposed_percent: capture.coverage_exposed_percent,

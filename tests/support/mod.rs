@@ -7,12 +7,13 @@ use std::sync::Arc;
 use geo::polygon;
 use nalgebra::Point3;
 use overfly::camera::Rig;
-use overfly::planner::{Method, PlanOptions, StopToken};
+use overfly::planner::{Conduct, Made, Method, PlanOptions, StopToken, replan};
 use overfly::scene::edit::Edit;
 use overfly::scene::{BlockSettings, NoFlyZone, Scene, Shape, Triangle, ZoneSource, generate_block};
 use overfly::session::{Session, Snapshot};
 use overfly::settings::Settings;
 use overfly::trajectory::plan::Plan;
+use overfly::trajectory::record::Record;
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 
@@ -81,6 +82,20 @@ pub fn pillar_on(plan: &Plan, number: usize) -> Edit {
     let footprint =
         polygon![(x: x - 1.0, y: y - 1.0), (x: x + 1.0, y: y - 1.0), (x: x + 1.0, y: y + 1.0), (x: x - 1.0, y: y + 1.0)];
     Edit::add_prism(format!("pillar-{number}"), footprint, 0.0, middle.z + 1.0)
+}
+
+/// The repaired flight alone, with what its images see.
+pub fn repaired(snapshot: &Snapshot, settings: &Settings, options: &PlanOptions, record: Option<Record>) -> Option<Made> {
+    let (mut repaired, stop) = (None, StopToken::default());
+    let on_interim = &mut |made: Made| {
+        repaired = Some(made);
+        // What follows is not looked at.
+        stop.abandon();
+    };
+    let conduct = Conduct { on_interim, ..Conduct::unheard(&stop) };
+    let made = replan(snapshot, settings, options, record, conduct);
+    assert!(repaired.is_none() || made.is_err());
+    repaired
 }
 
 /// A prism, a mesh or an obstacle by chance, its south-west corner about here.

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 use overfly_table::Block;
 
 use super::{
-    Assignment, BuiltField, FIELD_NOTE_GAP, Failure, FieldSource, FlightBefore, MOST_PAUSE, NewsKind, SafePlan, Workshop, attend,
-    threads,
+    Assignment, BuiltField, FIELD_NOTE_GAP, Failure, FieldSource, FlightBefore, MOST_PAUSE, NewsKind, PlannedFlight, Workshop,
+    attend, threads,
 };
 use crate::daemon::field_channel::FieldChannel;
 use crate::planner::{self, PlanError};
@@ -75,7 +75,8 @@ impl Workshop {
                     ..RunTimes::default()
                 };
                 let (attended, done) = attend();
-                self.post(assignment, NewsKind::Safe(Box::new(SafePlan { plan, times, flight }), attended));
+                let planned = PlannedFlight { plan, times, record: None, safe: Some(flight), remark: None };
+                self.post(assignment, NewsKind::Safe(planned, attended));
                 // What follows takes all cores: it waits until the plan is out.
                 let _ = done.recv_timeout(MOST_PAUSE);
                 Ok(())

@@ -479,6 +479,32 @@ fn an_interrupted_plan_is_the_best_so_far_or_none_with_an_exit_code_of_its_own()
     }
 }
 
+/// Who does not say how long to search has something to look at all the same; what the search ends with takes its place.
+#[test]
+fn a_search_that_takes_long_shows_a_first_look() {
+    let place = Place::new();
+    let scene = place.scene();
+    let words = ["plan", &scene, "--samples", "1500", "--viewpoints", "300", "--out", "out"];
+    let mut command = place.command(&words);
+    let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    // The page is written last, and a file that is not whole yet has no end.
+    let page = || std::fs::read_to_string(place.path("out/plan.html")).unwrap_or_default();
+    while !page().ends_with("</html>\n") {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    assert!(page().contains("The search goes on"));
+    assert_eq!(place.files("out"), ["plan.html", "plan.json", "plan.svg", "run.json"]);
+    let first: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
+    rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && stderr(&output).contains("a first look after"), "{}", stderr(&output));
+    assert!(stdout(&output).contains("this is the best plan so far"), "{}", stdout(&output));
+    assert!(!page().contains("The search goes on"));
+    let last: Value = serde_json::from_slice(&place.read("out/plan.json")).unwrap();
+    let lack = |plan: &Value| 95.0 - plan["metrics"]["coverage_percent"].as_f64().unwrap();
+    assert!(lack(&last) <= lack(&first).max(0.0), "{} {}", first["metrics"], last["metrics"]);
+}
+
 #[test]
 fn a_degraded_scene_keeps_its_structures_and_warns_when_the_safety_distance_cannot_cover_it() {
     let place = Place::new();

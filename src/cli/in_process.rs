@@ -10,12 +10,12 @@ use nalgebra::Point3;
 use overfly_wire::message::plain_scene_name;
 
 use super::arguments::OrderArgs;
-use super::bounded_file;
 use super::en_route::Flown;
 use super::failure::Failure;
 use super::progress::Meter;
+use super::{bounded_file, first_look};
 use crate::camera::{Rig, direction_of};
-use crate::planner::{self, Conduct, Method, Objective, PlanOptions, StopToken};
+use crate::planner::{self, Conduct, Method, Objective, PlanOptions, Progress, StopToken};
 use crate::scene::anchor::Anchor;
 use crate::scene::{self, GroundFile, ImportReport, Scene, Watched};
 use crate::session::{FieldError, Session, Snapshot};
@@ -35,6 +35,8 @@ pub struct Planned {
     pub times: RunTimes,
     pub snapshot: Snapshot,
     pub report: ImportReport,
+    /// It is the first flight of a search that takes long.
+    pub is_first: bool,
 }
 
 /// A scene file and, of a surface model, the model of its ground where one is named.
@@ -138,7 +140,10 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
     bounded_file::read(path, MOST_SCENE_BYTES).map_err(|cause| Failure::Read { path: path.to_owned(), cause, remedy })
 }
 
-/// Plans a flight over a scene file.
+/// What is done with a first flight.
+pub type OnFirst<'f> = &'f mut dyn FnMut(&Planned, &Meter) -> Result<(), Failure>;
+
+/// Plans a flight over a scene file. `on_first` is handed a first one where the search will take long.
 pub fn plan_file(
     files: &SceneFiles,
     settings: &Arc<Settings>,
@@ -146,6 +151,7 @@ pub fn plan_file(
     flown: Option<&Flown>,
     stop: &StopToken,
     meter: &mut Meter,
+    on_first: Option<OnFirst>,
 ) -> Result<Planned, Failure> {
     let started = Instant::now();
     let (scene, report) = meter.while_counting(Part::Reading, stop, || read_in_frame(files, settings, None, stop))?;
@@ -160,26 +166,43 @@ pub fn plan_file(
     })?;
     let field_s = field_started.elapsed().as_secs_f64();
 
-    // The search ends with its last word of progress; what follows is the exact evaluation and the safety check.
-    let search_started = Instant::now();
-    let mut search_ended = search_started;
     let mut options = options.clone();
     if let Some(flown) = flown {
         flown.complete(&mut options, &snapshot, stop);
     }
-    let on_progress = &mut |progress: &planner::Progress| {
-        search_ended = Instant::now();
-        meter.search(progress);
+    let search = |options: &PlanOptions, on_progress: &mut (dyn FnMut(&Progress) + Send)| -> Result<Planned, Failure> {
+        // The search ends with its last word of progress; what follows is the exact evaluation and the safety check.
+        let search_started = Instant::now();
+        let mut search_ended = search_started;
+        let on_progress = &mut |progress: &Progress| {
+            search_ended = Instant::now();
+            on_progress(progress);
+        };
+        let made = planner::replan(&snapshot, settings, options, None, Conduct { on_progress, ..Conduct::unheard(stop) })?;
+        let times = RunTimes {
+            field_s,
+            search_s: (search_ended - search_started).as_secs_f64(),
+            check_s: search_ended.elapsed().as_secs_f64(),
+            total_s: started.elapsed().as_secs_f64(),
+            threads: rayon::current_num_threads() as u32,
+        };
+        let (sightings, is_first) = (made.record.into_sightings(), false);
+        Ok(Planned { plan: made.plan, sightings, times, snapshot: snapshot.clone(), report: report.clone(), is_first })
     };
-    let made = planner::replan(&snapshot, settings, &options, None, Conduct { on_progress, ..Conduct::unheard(stop) })?;
-    let times = RunTimes {
-        field_s,
-        search_s: (search_ended - search_started).as_secs_f64(),
-        check_s: search_ended.elapsed().as_secs_f64(),
-        total_s: started.elapsed().as_secs_f64(),
-        threads: rayon::current_num_threads() as u32,
-    };
-    Ok(Planned { plan: made.plan, sightings: made.record.into_sightings(), times, snapshot, report })
+    let mut first = None;
+    if let Some((on_first, options)) = on_first.zip(first_look::options(&options, &snapshot, settings)) {
+        meter.stage("searching for a first look");
+        meter.keep_moving();
+        let planned = Planned { is_first: true, ..search(&options, &mut |_| {})? };
+        on_first(&planned, meter)?;
+        first = Some(planned);
+    }
+    // Whoever has ended the search has seen enough.
+    match first {
+        Some(first) if stop.is_stopped() => Ok(first_look::ended(first)),
+        Some(first) => Ok(first_look::better(first, search(&options, &mut |progress| meter.search(progress))?)),
+        None => search(&options, &mut |progress| meter.search(progress)),
+    }
 }
 
 /// Samples a scene and builds its field.

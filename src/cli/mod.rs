@@ -16,6 +16,7 @@ mod en_route;
 mod evaluate;
 mod export;
 mod failure;
+mod first_look;
 mod flown_scene;
 mod fly;
 mod generate;

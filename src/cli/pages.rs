@@ -7,6 +7,7 @@ use overfly_table::FieldTable;
 use serde_json::Value;
 
 use super::failure::Failure;
+use super::first_look;
 use super::in_process::Planned;
 use crate::mission::page::{self, Scene3d, Sighted};
 use crate::mission::svg::SvgError;
@@ -94,7 +95,8 @@ pub fn shows_in_scene(file: &Path, shown: &[Shown]) -> bool {
 
 /// The page of a plan that was made in this process.
 pub fn of_planned(planned: &Planned, settings: &Settings) -> Result<Vec<u8>, Failure> {
-    Ok(page_of(vec![Shown::in_scene("plan", &planned.snapshot, settings, &planned.plan, &planned.sightings)?]))
+    let shown = Shown::in_scene("plan", &planned.snapshot, settings, &planned.plan, &planned.sightings)?;
+    Ok(page_of(vec![shown.noted(first_look::note(planned).as_slice())]))
 }
 
 /// The page of a plan that a daemon has made.

@@ -1,6 +1,6 @@
 //! `overfly plan`: a scene file in process, or a loaded scene by the daemon.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use super::answer::{self, Answer, Form};
 use super::arguments::{OrderArgs, PlanArgs};
 use super::failure::Failure;
+use super::in_process::{OnFirst, Planned};
 use super::interrupt::Interrupts;
 use super::outputs::{self, FileNames, Flight, Folder, Scenery};
 use super::progress::Meter;
@@ -19,6 +20,7 @@ use super::{daemon, import_lines, in_process, rig_file, settings_file};
 use crate::mission::run_json::Engine;
 use crate::planner::{self, Objective, PlanOptions, StopToken};
 use crate::scene::ENDINGS;
+use crate::settings::Settings;
 use crate::trajectory::plan::{Plan, StopReason};
 
 pub fn run(arguments: &PlanArgs, form: Form) -> Result<Answer, Failure> {
@@ -51,21 +53,60 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
     let interrupts = Interrupts::first(form, move || stopper.stop());
     let flown = arguments.en_route.read_flown()?;
     let files = in_process::SceneFiles { scene: Path::new(&arguments.scene), ground: arguments.read.dtm.as_deref() };
-    let planned = in_process::plan_file(&files, &settings, options, flown.as_ref(), &stop, &mut meter)?;
+    let names = FileNames::of_plan();
+    let write = |folder: &PathBuf, planned: &Planned| {
+        outputs::write(folder, &names, &flight_of(arguments, given, &settings, planned), &Scenery::Planned(planned, &settings))
+    };
+    let mut on_first = arguments.out.as_ref().map(|folder| {
+        |planned: &Planned, meter: &Meter| {
+            write(folder, planned)?;
+            meter.say(form, &first_look(planned, &folder.join(&names.page)));
+            Ok(())
+        }
+    });
+    let on_first = on_first.as_mut().map(|on_first| on_first as OnFirst);
+    let planned = in_process::plan_file(&files, &settings, options, flown.as_ref(), &stop, &mut meter, on_first)?;
     drop(interrupts);
-    let asked = meter.asked();
+    let asked = meter.asked().filter(|_| !planned.is_first);
     drop(meter);
     for line in import_lines::lines(&planned.report, settings.flight.no_fly.len()) {
         form.remark(&format!("scene: {line}"));
     }
-    let flight = Flight {
+    let written = match &arguments.out {
+        Some(folder) => write(folder, &planned)?,
+        None => Vec::new(),
+    };
+    remark_departure(&planned.plan, form);
+    remark_cruise(&arguments.order, &planned.plan, Some(settings.flight.cruise_speed_mps), form);
+    let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
+    let flight = flight_of(arguments, given, &settings, &planned);
+    remark_shortfall(&flight, &again(arguments), Some(&heights), has_goal(arguments), form);
+    Ok(answer(&flight, &written, asked))
+}
+
+/// What there is to see while a better flight is searched.
+fn first_look(planned: &Planned, page: &Path) -> String {
+    let Plan { metrics, .. } = &planned.plan;
+    format!(
+        "a first look after {:.1} s: {:.1} % of capturable on {:.0} m in {:.0} s, see {}; the search goes on, Ctrl-C ends it with the best plan so far",
+        planned.times.total_s,
+        metrics.coverage_percent,
+        metrics.length_m,
+        metrics.profile_s,
+        page.display()
+    )
+}
+
+/// A plan of a scene file with all that its files tell.
+fn flight_of<'p>(arguments: &PlanArgs, given: &GivenRig, settings: &Settings, planned: &'p Planned) -> Flight<'p> {
+    Flight {
         plan: &planned.plan,
         times: planned.times,
         engine: Engine::InProcess,
         edit_to_plan_s: None,
         import: serde_json::to_value(&planned.report).ok(),
         order: Some(order_json(arguments, given)),
-        settings: settings_file::differing(&settings),
+        settings: settings_file::differing(settings),
         scene_file: std::path::absolute(&arguments.scene).ok().map(|path| path.to_string_lossy().into_owned()),
         ground_file: arguments
             .read
@@ -74,16 +115,7 @@ fn plan_file(arguments: &PlanArgs, given: &GivenRig, options: &PlanOptions, form
             .and_then(|path| std::path::absolute(path).ok())
             .map(|path| path.to_string_lossy().into_owned()),
         terrain: planned.snapshot.free.terrain().map(|terrain| Arc::new(terrain.clone())),
-    };
-    let files = match &arguments.out {
-        Some(folder) => outputs::write(folder, &FileNames::of_plan(), &flight, &Scenery::Planned(&planned, &settings))?,
-        None => Vec::new(),
-    };
-    remark_departure(&planned.plan, form);
-    remark_cruise(&arguments.order, &planned.plan, Some(settings.flight.cruise_speed_mps), form);
-    let heights = Heights::of(&planned.snapshot.field(), Some(settings.flight.legal_ceiling_m));
-    remark_shortfall(&flight, &again(arguments), Some(&heights), has_goal(arguments), form);
-    Ok(answer(&flight, &files, asked))
+    }
 }
 
 fn plan_loaded(arguments: &PlanArgs, given: &GivenRig, form: Form) -> Result<Answer, Failure> {

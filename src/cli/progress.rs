@@ -64,6 +64,11 @@ impl Meter {
         }
     }
 
+    /// Says something while the line is shown.
+    pub fn say(&self, form: Form, text: &str) {
+        self.bar.suspend(|| form.remark(text));
+    }
+
     /// Work whose length is not known has begun.
     pub fn stage(&mut self, name: &str) {
         if self.counted.take().is_some() {

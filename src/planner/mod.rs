@@ -33,6 +33,7 @@ pub use look::look;
 pub use options::{MOST_BUDGET_S, Method, Objective, PlanError, PlanOptions};
 pub use safe::safe;
 
+pub use crate::refine::rounds_of;
 pub use crate::search::Progress;
 pub use crate::stop::StopToken;
 
@@ -199,7 +200,7 @@ fn refined(
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Result<Found, PlanError> {
     let Order { settings, options, problem, stop, .. } = *order;
-    let rounds = options.iterations.unwrap_or_else(|| refine::rounds_of(settings, problem));
+    let rounds = options.iterations.unwrap_or_else(|| rounds_of(settings, problem.field.facts));
     let budget = match (options.budget_s, stop.elapsed_s()) {
         (None, _) => Budget::Rounds(rounds),
         (Some(seconds), Some(begun_s)) => Budget::Until(begun_s + seconds),

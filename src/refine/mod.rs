@@ -23,11 +23,12 @@ pub use annealing::{Aim, Annealing, Best};
 pub use counts::Worth;
 pub use ground::{Counting, Ground};
 
-use self::levels::Levels;
+use overfly_table::field::FieldFacts;
 
+use self::levels::Levels;
 use crate::camera::Pose;
 use crate::search::leg::headed;
-use crate::search::{Iteration, Outcome, Problem, Progress, StopReason};
+use crate::search::{Iteration, Outcome, Progress, StopReason};
 use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::stop::StopToken;
 
@@ -65,8 +66,8 @@ impl Confirmed {
 }
 
 /// Rounds where nobody asks for a number: the setting for scenes of the reference scene's size, more for larger ones.
-pub fn rounds_of(settings: &Settings, problem: &Problem) -> u32 {
-    let size = problem.field.facts.reference_area_m2 / settings.objective.reference_area_m2;
+pub fn rounds_of(settings: &Settings, field: &FieldFacts) -> u32 {
+    let size = field.reference_area_m2 / settings.objective.reference_area_m2;
     (f64::from(settings.refine.rounds) * size.max(1.0)).min(f64::from(MOST_ITERATIONS)) as u32
 }
 

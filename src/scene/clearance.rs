@@ -1,45 +1,43 @@
 //! Distances and lines of sight to the surfaces of a scene.
 //!
-//! The only user of parry3d: its bounding volume hierarchies find the candidate triangles, [`super::distance`] decides. The boxes
-//! are single precision and a little too large, the decisions are double precision, so that every answer is exact and depends on
-//! the triangles alone, not on how the tree happens to be built. What is only asked whether there is any is found in [`super::boxes`], which keeps the
-//! hierarchy's order.
+//! The boxes of [`super::hierarchy`] find the candidate triangles, [`super::distance`] decides. The boxes are single precision and a little too large, the
+//! decisions are double precision, so that every answer is exact and depends on the triangles alone, not on how the trees happen to be built.
 
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
 
-use nalgebra::{Point3, Vector3};
-use parry3d::bounding_volume::Aabb;
-use parry3d::math::Vector;
-use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode, TraversalAction};
+use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::bounds::Bounds;
-use super::boxes::{Beam, Boxes};
+use super::boxes::Beam;
 use super::differences::Differences;
 use super::distance::{point_triangle_squared, segment_hits_triangle, segment_triangle_squared};
+use super::hierarchy::{BvhNode, GONE, Group, Hierarchy, box_distance_squared, segment_meets_box};
 use super::proxy::{Scene, Structure, Triangle};
 
 /// All triangles of a scene, ready for queries: a hierarchy over the structures, and in each of them one over its triangles, so that an edit
 /// makes only those of its own structures anew. Never changes.
 #[derive(Debug)]
 pub struct Clearance {
-    bvh: Bvh,
-    boxes: Boxes,
     /// By structure; shared with the scenes before and after an edit.
     bodies: Vec<Arc<Body>>,
-    /// Bodies that have triangles, by the leaves of the hierarchy.
-    leaves: Vec<usize>,
+    /// Most of them, in a hierarchy that is shared as well: that of a city takes longer than everything else about an edit's free space.
+    early: Group,
+    /// Those that have come since that was made.
+    late: Group,
 }
 
 /// The triangles of one structure.
 #[derive(Debug)]
 struct Body {
-    bvh: Bvh,
-    boxes: Boxes,
+    hierarchy: Hierarchy,
     triangles: Vec<Triangle>,
     is_ground: bool,
 }
+
+/// When more than one in so many has come or gone, all are put into one hierarchy again.
+const SHARE_KEPT: usize = 16;
 
 impl Clearance {
     pub fn new(scene: &Scene) -> Self {
@@ -52,7 +50,21 @@ impl Clearance {
             Some(index) => Arc::clone(&before.bodies[*index]),
             None => Arc::new(Body::of(structure)),
         };
-        Self::of_bodies(scene.structures.iter().zip(&differences.kept).map(body).collect())
+        Self::of_bodies_after(before, scene.structures.iter().zip(&differences.kept).map(body).collect(), &differences.kept)
+    }
+
+    /// The same of bodies that are the earlier ones at the places `kept`.
+    fn of_bodies_after(before: &Self, bodies: Vec<Arc<Body>>, kept: &[Option<usize>]) -> Self {
+        let mut now = vec![GONE; before.bodies.len()];
+        kept.iter().zip(0..).for_each(|(kept, place)| kept.iter().for_each(|&old| now[old] = place));
+        let early = before.early.moved(&now);
+        let mut is_late = vec![true; bodies.len()];
+        early.structures().for_each(|place| is_late[place] = false);
+        let late: Vec<u32> = with_triangles(&bodies).filter(|&place| is_late[place as usize]).collect();
+        if (late.len() + early.gone()) * SHARE_KEPT > bodies.len() {
+            return Self::of_bodies(bodies);
+        }
+        Self { late: group(&bodies, late), early, bodies }
     }
 
     /// Only these structures of the scene, by their places in it.
@@ -73,9 +85,13 @@ impl Clearance {
     }
 
     fn of_bodies(bodies: Vec<Arc<Body>>) -> Self {
-        let leaves: Vec<usize> = (0..bodies.len()).filter(|&index| !bodies[index].triangles.is_empty()).collect();
-        let (bvh, boxes) = hierarchy(leaves.iter().map(|&index| bodies[index].bvh.root_aabb()).collect());
-        Self { bvh, boxes, bodies, leaves }
+        let early = group(&bodies, with_triangles(&bodies).collect());
+        Self { early, late: group(&bodies, Vec::new()), bodies }
+    }
+
+    /// The structures that have triangles.
+    fn standing(&self) -> impl Iterator<Item = &Body> {
+        self.bodies.iter().map(AsRef::as_ref).filter(|body| !body.triangles.is_empty())
     }
 
     /// Whether a triangle lies between `a` and `b`, the end points excluded.
@@ -130,20 +146,23 @@ impl Clearance {
             (0..3).all(|axis| f64::from(min[axis]) <= high[axis] && low[axis] <= f64::from(max[axis]))
         };
         let found = RefCell::new(Vec::new());
-        any_leaf(&self.bvh, &meets, |leaf| {
-            found.borrow_mut().push(self.leaves[leaf]);
-            false
-        });
+        for group in [&self.early, &self.late] {
+            group.any_met(&meets, |place| {
+                found.borrow_mut().push(place);
+                false
+            });
+        }
         let mut found = found.into_inner();
         found.sort_unstable();
         found
     }
 
     fn any(&self, beam: &Beam, hits: impl Fn(&Triangle) -> bool) -> bool {
-        self.boxes.any(beam, |leaf| {
-            let body = &self.bodies[self.leaves[leaf]];
-            body.boxes.any(beam, |triangle| hits(&body.triangles[triangle]))
-        })
+        let is_hit = |place: usize| {
+            let body = &self.bodies[place];
+            body.hierarchy.any_near(beam, |triangle| hits(&body.triangles[triangle]))
+        };
+        self.early.any_near(beam, is_hit) || self.late.any_near(beam, is_hit)
     }
 
     fn least(
@@ -155,18 +174,30 @@ impl Clearance {
     ) -> f64 {
         let best = Cell::new(cap_m * cap_m);
         let is_near = |node: &BvhNode| bound(node) < best.get();
-        any_leaf(&self.bvh, &is_near, |leaf| {
-            let body = &self.bodies[self.leaves[leaf]];
+        let look = |place: usize| {
+            let body = &self.bodies[place];
             if !counts(body) {
                 return false;
             }
-            any_leaf(&body.bvh, &is_near, |triangle| {
+            body.hierarchy.any_met(&is_near, |triangle| {
                 best.set(best.get().min(exact(&body.triangles[triangle])));
                 false
             })
-        });
+        };
+        for group in [&self.early, &self.late] {
+            group.any_met(&is_near, look);
+        }
         best.get().sqrt()
     }
+}
+
+fn group(bodies: &[Arc<Body>], places: Vec<u32>) -> Group {
+    Group::of(places, |place| &bodies[place].hierarchy)
+}
+
+/// The places of the structures that have triangles.
+fn with_triangles(bodies: &[Arc<Body>]) -> impl Iterator<Item = u32> {
+    bodies.iter().zip(0..).filter(|(body, _)| !body.triangles.is_empty()).map(|(_, place)| place)
 }
 
 /// The surfaces that only one of two scenes has: what they hide tells which lines of sight have to be looked at again.
@@ -191,10 +222,9 @@ const SLACK_M: f64 = 1e-3;
 
 impl Side {
     fn new(clearance: Clearance) -> Self {
-        let bodies = || clearance.leaves.iter().map(|&index| &clearance.bodies[index]);
-        let of_body = |body: &Arc<Body>| Bounds::of_points(body.triangles.iter().flatten().copied());
-        let is_few = clearance.leaves.len() <= MOST_BOXES;
-        let boxes = is_few.then(|| bodies().filter_map(of_body).map(|bounds| bounds.grown(SLACK_M)).collect());
+        let of_body = |body: &Body| Bounds::of_points(body.triangles.iter().flatten().copied());
+        let is_few = clearance.standing().count() <= MOST_BOXES;
+        let boxes = is_few.then(|| clearance.standing().filter_map(of_body).map(|bounds| bounds.grown(SLACK_M)).collect());
         Self { boxes, clearance }
     }
 
@@ -212,7 +242,7 @@ impl Exchange {
 
     /// Whether the earlier scene has surfaces that the later one has not. Otherwise every line that was blocked is blocked still.
     pub fn is_any_gone(&self) -> bool {
-        !self.gone.clearance.leaves.is_empty()
+        self.gone.clearance.standing().next().is_some()
     }
 
     /// Whether the line from `a` to `b` may be blocked in one of the scenes alone, when in the earlier one it was blocked or not. For a free line the answer
@@ -229,70 +259,13 @@ impl Body {
     }
 
     fn new(triangles: Vec<Triangle>) -> Self {
-        let (bvh, boxes) = hierarchy(triangles.iter().map(outer_box).collect());
-        Self { bvh, boxes, triangles, is_ground: false }
+        Self { hierarchy: Hierarchy::of_triangles(&triangles), triangles, is_ground: false }
     }
-}
-
-/// The hierarchy over some boxes, and the same boxes for those who only ask whether there is any.
-fn hierarchy(boxes: Vec<Aabb>) -> (Bvh, Boxes) {
-    let bvh = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
-    let order = bvh.leaves(|_| true).collect();
-    let corners = |leaf: usize| [boxes[leaf].mins, boxes[leaf].maxs].map(|corner| [corner.x, corner.y, corner.z]);
-    (bvh, Boxes::new(order, corners))
-}
-
-/// Whether a leaf among the nodes that are met is what is looked for; ends with the first one.
-fn any_leaf(bvh: &Bvh, meets: &impl Fn(&BvhNode) -> bool, is_it: impl Fn(usize) -> bool) -> bool {
-    let mut found = false;
-    bvh.traverse(|node| {
-        if !meets(node) {
-            return TraversalAction::Prune;
-        }
-        if node.leaf_data().is_some_and(|leaf| is_it(leaf as usize)) {
-            found = true;
-            return TraversalAction::EarlyExit;
-        }
-        TraversalAction::Continue
-    });
-    found
-}
-
-/// The box of a triangle in single precision, grown so that rounding can never cut anything off.
-fn outer_box(triangle: &Triangle) -> Aabb {
-    let [a, b, c] = triangle;
-    let grow = |v: f64| 1e-3 + v.abs() * 2e-7;
-    let low = a.coords.inf(&b.coords).inf(&c.coords).map(|v| (v - grow(v)) as f32);
-    let high = a.coords.sup(&b.coords).sup(&c.coords).map(|v| (v + grow(v)) as f32);
-    Aabb::new(Vector::new(low.x, low.y, low.z), Vector::new(high.x, high.y, high.z))
-}
-
-/// Slab test of the segment that starts at `a` and runs for `1 / inverse`, against the node's box grown by `margin_m`.
-fn segment_meets_box(a: &Point3<f64>, inverse: &Vector3<f64>, node: &BvhNode, margin_m: f64) -> bool {
-    let (low, high) = (node.mins(), node.maxs());
-    let (mut enter, mut leave) = (0.0f64, 1.0f64);
-    for (from, inverse, low, high) in
-        [(a.x, inverse.x, low.x, high.x), (a.y, inverse.y, low.y, high.y), (a.z, inverse.z, low.z, high.z)]
-    {
-        let low = (f64::from(low) - margin_m - from) * inverse;
-        let high = (f64::from(high) + margin_m - from) * inverse;
-        // A segment exactly within a face of the grown box gives 0 * infinity and may be pruned: the triangle is farther away
-        // than the growth.
-        enter = enter.max(low.min(high));
-        leave = leave.min(low.max(high));
-    }
-    enter <= leave
-}
-
-fn box_distance_squared(p: &Point3<f64>, node: &BvhNode) -> f64 {
-    let (low, high) = (node.mins(), node.maxs());
-    let outside = |v: f64, low: f32, high: f32| (f64::from(low) - v).max(v - f64::from(high)).max(0.0);
-    let (x, y, z) = (outside(p.x, low.x, high.x), outside(p.y, low.y, high.y), outside(p.z, low.z, high.z));
-    x * x + y * y + z * z
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
     use proptest::prelude::*;
 
     use super::*;
@@ -337,6 +310,36 @@ mod tests {
             let may_change = exchange.may_change(was_blocked, &a, &b);
             prop_assert!(may_change || was_blocked == is_blocked);
             prop_assert!(was_blocked || may_change == is_blocked);
+        }
+    }
+
+    proptest! {
+        /// Structures come, go and come back; what is shared with the scenes before decides nothing.
+        #[test]
+        fn queries_after_edits_are_those_of_a_scene_made_anew(
+            bodies in proptest::collection::vec(small_triangle(), 40), edits in proptest::collection::vec(0..1u64 << 40, 1..12),
+            a in point(), b in point(), cap in 0.5..60.0f64,
+        ) {
+            let scene = |mask: u64| -> Vec<usize> { (0..bodies.len()).filter(|k| mask >> k & 1 == 1).collect() };
+            let all: Vec<Arc<Body>> = bodies.iter().map(|triangle| Arc::new(Body::new(vec![*triangle]))).collect();
+            let of = |mask: u64| -> Vec<Arc<Body>> { scene(mask).into_iter().map(|k| Arc::clone(&all[k])).collect() };
+            let mut mask = (1 << 40) - 1;
+            let mut clearance = Clearance::of_bodies(of(mask));
+            for edit in edits {
+                // Few of them change at once, so that hierarchies are shared.
+                let next = mask ^ (edit & edit >> 7 & edit >> 13 & edit >> 19 & edit >> 29);
+                let (old, new) = (scene(mask), scene(next));
+                let kept: Vec<Option<usize>> = new.iter().map(|k| old.binary_search(k).ok()).collect();
+                clearance = Clearance::of_bodies_after(&clearance, of(next), &kept);
+                mask = next;
+                let anew = Clearance::of_bodies(of(mask));
+                let box_of_both = Bounds { min: a.inf(&b), max: a.sup(&b) };
+                prop_assert_eq!(clearance.structures_near(&box_of_both), anew.structures_near(&box_of_both));
+                prop_assert_eq!(clearance.occluded(&a, &b), anew.occluded(&a, &b));
+                prop_assert_eq!(clearance.keeps_distance(&a, &b, cap), anew.keeps_distance(&a, &b, cap));
+                prop_assert_eq!(clearance.segment_distance_m(&a, &b, cap), anew.segment_distance_m(&a, &b, cap));
+                prop_assert_eq!(clearance.point_distance_m(&a, cap), anew.point_distance_m(&a, cap));
+            }
         }
     }
 

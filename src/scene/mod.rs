@@ -22,6 +22,7 @@ mod geojson;
 mod geometry;
 mod gltf_file;
 mod heights;
+mod hierarchy;
 mod json;
 mod locate;
 mod meshes;

@@ -10,7 +10,7 @@ use nalgebra::Point3;
 use overfly_table::field::FieldFacts;
 
 use crate::coverage::{CELLS, DiskModel, threshold_cells};
-use crate::field::{self, Lattice, Outlines, Site};
+use crate::field::{self, Lattice, Outlines, Strip};
 use crate::scene::Scene;
 use crate::scene::differences::Differences;
 use crate::scene::edit::{DirtyRegion, Edit, EditError};
@@ -125,7 +125,7 @@ impl Session {
         &self,
         free: Arc<FreeSpace>,
         samples: Vec<Sample>,
-        sites: Vec<Site>,
+        sites: Vec<Arc<Strip>>,
         outlines: Outlines,
         earlier: Option<(Snapshot, Differences)>,
         stop: &StopToken,
@@ -134,23 +134,22 @@ impl Session {
             return Err(FieldError::NoSurface { scene: self.scene.name.clone() });
         }
         check(stop)?;
-        let reached = field::outside(&free, &sites);
-        if reached.is_empty() {
+        let viewpoints = field::outside(&free, &self.pins.lattice, &sites);
+        if viewpoints.is_empty() {
             return Err(no_free_space(&self.scene, &free, &self.pins.lattice));
         }
         check(stop)?;
         Ok(Survey {
             scene: Arc::clone(&self.scene),
             revision: self.revision,
-            counts: field::counts(&self.scene, &outlines, &free, samples.len(), reached.len()),
+            counts: field::counts(&self.scene, &outlines, &free, samples.len(), viewpoints.len()),
             outlines,
             facts: self.facts(&free),
             offset_m: self.sampler.sampling().offset_m,
             disks: Arc::clone(&self.disks),
             free,
             samples: Samples::new(samples, self.scene.structures.len()),
-            cells: reached.iter().map(|&index| sites[index].cell).collect(),
-            viewpoints: reached.iter().map(|&index| sites[index].viewpoint).collect(),
+            viewpoints,
             sites,
             earlier,
         })

@@ -160,7 +160,7 @@ mod tests {
             let scene = generate_block(&block);
             let free = FreeSpace::new(&scene, &Settings::default().flight).expect("there are no zones");
             let lattice = Lattice { origin: free.limits.min, spacing_m: 9.0, shell_m: 25.0, seed };
-            let nodes: Vec<Point3<f64>> = fill(&free, &lattice, &StopToken::default()).expect("nobody stops it").iter().map(|v| v.position).collect();
+            let nodes: Vec<Point3<f64>> = fill(&free, &lattice, &StopToken::default()).expect("nobody stops it").sites().map(|site| site.viewpoint.position).collect();
             let mut router = Router::new(&free, nodes.clone(), 18.0);
             let mut detours = 0;
             for k in 0..40 {

@@ -9,6 +9,7 @@ use overfly_table::{Block, FieldTableMut};
 use rayon::prelude::*;
 
 use super::rows::Visibility;
+use super::strips::Viewpoints;
 use super::tiles::Tile;
 use super::viewpoints::Viewpoint;
 use crate::coverage::DiskModel;
@@ -24,7 +25,7 @@ pub struct FieldInputs<'a> {
     pub outlines: &'a Outlines,
     pub free: &'a FreeSpace,
     pub samples: &'a Samples,
-    pub viewpoints: &'a [Viewpoint],
+    pub viewpoints: &'a Viewpoints,
     pub disks: &'a DiskModel,
     pub facts: FieldFacts,
     /// How far in front of a sample a line of sight ends, m, so that it does not end in the sample's own surface.
@@ -92,7 +93,19 @@ pub fn counts(scene: &Scene, outlines: &Outlines, free: &FreeSpace, samples: usi
 /// Writes the field's table into `blocks`, which are zero and as many as `counts` says; the segments are written already.
 pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], visibility: &Visibility, blocks: &mut [Block]) {
     let mut table = FieldTableMut::create(blocks, counts, inputs.facts);
-    write_scene(inputs, &mut table);
+    let viewpoints = std::mem::take(&mut table.viewpoints);
+    // Most of a city's table are viewpoints.
+    rayon::join(
+        || write_viewpoints(tiles, viewpoints),
+        || {
+            write_scene(inputs, &mut table);
+            write_samples(inputs, visibility, &mut table);
+            write_tiles(tiles, visibility, &mut table);
+        },
+    );
+}
+
+fn write_samples(inputs: &FieldInputs, visibility: &Visibility, table: &mut FieldTableMut) {
     for (row, sample) in table.samples.iter_mut().zip(&inputs.samples.samples) {
         *row = SampleRow {
             position_m: sample.position.coords.into(),
@@ -105,24 +118,43 @@ pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], v
     for (cells, union) in table.ceilings.iter_mut().zip(&visibility.unions) {
         *cells = union.count_ones() as u16;
     }
+}
+
+fn write_tiles(tiles: &[Tile], visibility: &Visibility, table: &mut FieldTableMut) {
     let mut first_patch = 0;
-    for (number, (tile, segment)) in tiles.iter().zip(&visibility.segments).enumerate() {
-        let patches = &visibility.patches[number];
+    let segments = visibility.segments.iter().zip(&visibility.patches);
+    for ((row, tile), (segment, patches)) in table.tiles.iter_mut().zip(tiles).zip(segments) {
         table.patches[first_patch..][..patches.len()].copy_from_slice(patches);
-        table.tiles[number] = TileRow {
+        *row = TileRow {
             number: segment.memory().number(),
             first_patch: first_patch as u32,
             patches: patches.len() as u32,
-            rows: tile.viewpoints.len() as u32,
+            rows: tile.len() as u32,
             reserved: 0,
         };
         first_patch += patches.len();
-        for (row, &j) in (0..).zip(&tile.viewpoints) {
-            let Viewpoint { position, clearance_m } = inputs.viewpoints[j as usize];
-            table.viewpoints[j as usize] =
-                ViewpointRow { position_m: position.coords.into(), clearance_m, tile: number as u32, row };
-        }
     }
+}
+
+/// Strips of tiles side by side, in parallel: each has viewpoints that follow one another.
+fn write_viewpoints(tiles: &[Tile], rows: &mut [ViewpointRow]) {
+    let (mut strips, mut rest) = (Vec::new(), (0, rows));
+    let mut number = 0;
+    for tiles in tiles.chunk_by(|a, b| a.key[0] == b.key[0]) {
+        let (first, rows) = rest;
+        let count: usize = tiles.iter().map(Tile::len).sum();
+        let (rows, after) = rows.split_at_mut(count);
+        strips.push((number, tiles, first, rows));
+        (number, rest) = (number + tiles.len() as u32, (first + count, after));
+    }
+    strips.into_par_iter().for_each(|(number, tiles, first, rows)| {
+        for (number, tile) in (number..).zip(tiles) {
+            for (row, (j, site)) in (0..).zip(tile.numbered()) {
+                let Viewpoint { position, clearance_m } = site.viewpoint;
+                rows[j as usize - first] = ViewpointRow { position_m: position.coords.into(), clearance_m, tile: number, row };
+            }
+        }
+    });
 }
 
 /// Writes structures, zones and ground, with their outlines and names.

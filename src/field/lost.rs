@@ -50,8 +50,8 @@ impl Search<'_> {
         if asked.iter().all(|bits| *bits == 0) {
             return;
         }
-        for (row, &j) in rows.tiles[tile].viewpoints.iter().enumerate() {
-            let view = &inputs.viewpoints[j as usize].position;
+        for (row, site) in rows.tiles[tile].sites().enumerate() {
+            let view = &site.viewpoint.position;
             for seen in rows.segments[tile].row(row) {
                 let patch = seen.patch as usize;
                 for b in ones(seen.bits & asked[patch]) {

@@ -41,11 +41,11 @@ pub fn build_rows<E: From<FieldError> + Send>(
     let of_tile = |tile: &Tile| {
         let reach = Reach::of(&tile.bounds, inputs.reach_m(), &groups);
         let (mut union, mut bits, mut rows) = (reach.masks(), reach.row(), SegmentRows::default());
-        for &j in &tile.viewpoints {
+        for site in tile.sites() {
             if stop.is_stopped() {
                 return Err(FieldError::Stopped.into());
             }
-            let view = inputs.viewpoints[j as usize].position;
+            let view = site.viewpoint.position;
             targets.seen_from(inputs, &reach, &view, |i, patch, offset| {
                 bits.mark(patch, offset);
                 union[patch * PATCH + offset] |= inputs.disks.mask(&targets.frames[i], &view);

@@ -9,9 +9,9 @@ use overfly_table::{Block, FieldTable, LayoutError, Segment, TableMemory};
 use super::build::{FieldInputs, Outlines, write_table};
 use super::lookup::Lookup;
 use super::rows::{Place, Visibility, build_rows};
-use super::tiles::{Tile, tiles};
+use super::strips::{Strip, Viewpoints};
+use super::tiles::Tile;
 use super::update::{Earlier, Seen, update_rows};
-use super::viewpoints::{Cell, Site, Viewpoint};
 use crate::coverage::{DiskModel, Mask};
 use crate::scene::Scene;
 use crate::scene::clearance::Exchange;
@@ -61,10 +61,9 @@ pub struct Survey {
     pub(crate) disks: Arc<DiskModel>,
     pub(crate) outlines: Outlines,
     pub(crate) samples: Samples,
-    pub(crate) sites: Vec<Site>,
+    pub(crate) sites: Vec<Arc<Strip>>,
     /// Of the sites those that can be reached.
-    pub(crate) cells: Vec<Cell>,
-    pub(crate) viewpoints: Vec<Viewpoint>,
+    pub(crate) viewpoints: Viewpoints,
     pub(crate) offset_m: f64,
     /// The field that this one follows from, and how their scenes differ.
     pub(crate) earlier: Option<(Snapshot, Differences)>,
@@ -80,8 +79,8 @@ impl fmt::Debug for Survey {
 pub struct Footing {
     pub(crate) outlines: Outlines,
     pub(crate) samples: Samples,
-    pub(crate) sites: Vec<Site>,
-    cells: Vec<Cell>,
+    pub(crate) sites: Vec<Arc<Strip>>,
+    viewpoints: Viewpoints,
     tiles: Vec<Tile>,
     unions: Vec<Mask>,
 }
@@ -104,21 +103,15 @@ impl Survey {
     /// Builds the visibility rows (Algorithm 1), in parallel over tiles; where there is an earlier field, only what differs from it. `place` gives memory
     /// for the segments; what is as before keeps the earlier field's.
     pub fn build<E: From<FieldError> + Send>(self, place: &Place<E>, stop: &StopToken) -> Result<Findings, E> {
-        let tiles = tiles(&self.cells, &self.viewpoints, self.facts.lattice_spacing_m);
+        let tiles = self.viewpoints.tiles();
         let inputs = self.inputs();
         let (visibility, seen) = match &self.earlier {
             None => (build_rows(&inputs, &tiles, place, stop)?, None),
             Some((snapshot, differences)) => {
-                let Footing { samples, tiles: before, cells, unions, .. } = &*snapshot.footing;
-                let earlier = Earlier {
-                    field: snapshot.field(),
-                    tiles: before,
-                    cells,
-                    samples,
-                    clearance: &snapshot.free.clearance,
-                    unions,
-                };
-                let (visibility, seen) = update_rows(&inputs, &self.cells, &tiles, differences, &earlier, place, stop)?;
+                let Footing { samples, tiles: before, unions, .. } = &*snapshot.footing;
+                let earlier =
+                    Earlier { field: snapshot.field(), tiles: before, samples, clearance: &snapshot.free.clearance, unions };
+                let (visibility, seen) = update_rows(&inputs, &tiles, differences, &earlier, place, stop)?;
                 (visibility, Some(seen))
             }
         };
@@ -181,7 +174,7 @@ impl Findings {
     pub fn snapshot(self, field: Arc<dyn FieldStorage>) -> Result<Snapshot, FieldError> {
         let Self { survey, tiles, visibility: Visibility { unions, .. }, seen } = self;
         let table = FieldTable::open(field.blocks(), field.segments())?;
-        let same = survey.earlier.as_ref().filter(|(earlier, _)| earlier.footing.cells == survey.cells);
+        let same = survey.earlier.as_ref().filter(|(earlier, _)| earlier.footing.viewpoints.has_cells_of(&survey.viewpoints));
         let lookup = match same {
             Some((earlier, _)) => Arc::clone(&earlier.lookup),
             None => {
@@ -189,7 +182,7 @@ impl Findings {
                 Arc::new(lookup.ok_or_else(|| FieldError::NoSurface { scene: survey.scene.name.clone() })?)
             }
         };
-        let Survey { outlines, samples, sites, cells, earlier, .. } = survey;
+        let Survey { outlines, samples, sites, viewpoints, earlier, .. } = survey;
         let changes = earlier.zip(seen).map(|((earlier, differences), Seen { same, is_touched, exchange })| {
             Arc::new(Changes { since: earlier.revision, differences, exchange, same, is_touched })
         });
@@ -200,7 +193,7 @@ impl Findings {
             disks: survey.disks,
             lookup,
             offset_m: survey.offset_m,
-            footing: Arc::new(Footing { outlines, samples, sites, cells, tiles, unions }),
+            footing: Arc::new(Footing { outlines, samples, sites, viewpoints, tiles, unions }),
             changes,
             field,
         })

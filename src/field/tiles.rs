@@ -1,54 +1,81 @@
 //! Tiles: viewpoints of neighbouring columns of the lattice. The rows of a tile's viewpoints lie in one segment, and what they may see is found out once
 //! for all of them, so that time and memory of a field grow with the area and not with its square.
 
-use std::collections::BTreeMap;
 use std::ops::BitOrAssign;
 
 use overfly_table::SegmentRows;
 use overfly_table::rows::PATCH;
-use rayon::prelude::*;
 
 use super::rows::Group;
-use super::viewpoints::{Cell, Viewpoint};
+use super::strips::{Part, Stretch};
+use super::viewpoints::{Cell, Site};
 use crate::coverage::Mask;
 use crate::scene::Bounds;
 
 /// Edge of a tile, m, as far as columns of the lattice allow: about what the range of a view is, so that an edit touches a dozen of them.
 const EDGE_M: f64 = 80.0;
 
-/// Tiles whose boxes a worker finds at once, at least.
-const LEAST_TILES: usize = 64;
+/// How the columns of a lattice lie in tiles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TileGrid {
+    /// Columns along the edge of a tile.
+    columns: i64,
+}
+
+impl TileGrid {
+    /// Of a lattice with such a spacing.
+    pub fn new(spacing_m: f64) -> Self {
+        Self { columns: (EDGE_M / spacing_m).round().max(1.0) as i64 }
+    }
+
+    /// The place of a cell's tile among the tiles of the lattice.
+    pub fn key(self, cell: &Cell) -> [i64; 2] {
+        [cell[0], cell[1]].map(|place| place.div_euclid(self.columns))
+    }
+}
 
 /// The viewpoints whose rows lie in one segment.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Tile {
     /// Its place among the tiles of the lattice.
     pub key: [i64; 2],
-    /// Places of its viewpoints among all of the field, ascending.
-    pub viewpoints: Vec<u32>,
+    /// Its viewpoints in the order of their cells.
+    parts: Vec<Part>,
     /// Box around its viewpoints, m.
     pub bounds: Bounds,
 }
 
-/// All tiles that have viewpoints, by their keys. `cells` are those of the viewpoints of a lattice with such a spacing, in order.
-pub fn tiles(cells: &[Cell], viewpoints: &[Viewpoint], spacing_m: f64) -> Vec<Tile> {
-    let columns = (EDGE_M / spacing_m).round().max(1.0) as i64;
-    let mut members: BTreeMap<[i64; 2], Vec<u32>> = BTreeMap::new();
-    let mut start = 0;
-    for mut row in cells.chunk_by(|a, b| a[0] == b[0]) {
-        // Of each row of columns those that lie in one tile follow each other: a city has many more columns than such stretches.
-        while let Some(first) = row.first() {
-            let key = [first[0], first[1]].map(|place| place.div_euclid(columns));
-            let (stretch, rest) = row.split_at(row.partition_point(|cell| cell[1] < (key[1] + 1) * columns));
-            members.entry(key).or_default().extend(start..start + stretch.len() as u32);
-            (start, row) = (start + stretch.len() as u32, rest);
-        }
+impl Tile {
+    /// The tile of a stretch, as yet without viewpoints.
+    pub fn new(stretch: &Stretch) -> Self {
+        Self { key: stretch.key, parts: Vec::new(), bounds: stretch.bounds }
     }
-    let tile = |(key, members): ([i64; 2], Vec<u32>)| {
-        let bounds = Bounds::of_points(members.iter().map(|&j| viewpoints[j as usize].position))?;
-        Some(Tile { key, viewpoints: members, bounds })
-    };
-    members.into_iter().collect::<Vec<_>>().into_par_iter().with_min_len(LEAST_TILES).filter_map(tile).collect()
+
+    /// Adds what comes next in the order of cells.
+    pub fn add(&mut self, part: Part) {
+        self.bounds = self.bounds.union(&part.stretch().bounds);
+        self.parts.push(part);
+    }
+
+    /// How many viewpoints it has.
+    pub fn len(&self) -> usize {
+        self.parts.iter().map(|part| part.sites().len()).sum()
+    }
+
+    /// Its viewpoints with their cells.
+    pub fn sites(&self) -> impl Iterator<Item = &Site> {
+        self.parts.iter().flat_map(Part::sites)
+    }
+
+    /// The same with their numbers in the field.
+    pub fn numbered(&self) -> impl Iterator<Item = (u32, &Site)> {
+        self.parts.iter().flat_map(Part::numbered)
+    }
+
+    /// Whether its viewpoints lie in the same cells as those of another one.
+    pub fn has_cells_of(&self, other: &Self) -> bool {
+        self.parts.len() == other.parts.len() && self.parts.iter().zip(&other.parts).all(|(part, other)| part.has_cells_of(other))
+    }
 }
 
 /// The patches of all samples that a tile's viewpoints may see.

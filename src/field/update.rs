@@ -16,7 +16,7 @@ use super::lost::{self, Rows};
 use super::rows::{Group, Place, Targets, Visibility, write};
 use super::survey::FieldError;
 use super::tiles::{Reach, RowBits, Tile};
-use super::viewpoints::Cell;
+use super::viewpoints::{Cell, Site};
 use crate::coverage::Mask;
 use crate::scene::Bounds;
 use crate::scene::clearance::{Clearance, Exchange};
@@ -28,8 +28,6 @@ use crate::surface::Samples;
 pub struct Earlier<'a> {
     pub field: FieldTable<'a>,
     pub tiles: &'a [Tile],
-    /// The cells of its viewpoints.
-    pub cells: &'a [Cell],
     pub samples: &'a Samples,
     pub clearance: &'a Clearance,
     /// What all viewpoints together cover of each sample.
@@ -55,7 +53,6 @@ struct Found {
 
 struct Update<'a> {
     inputs: &'a FieldInputs<'a>,
-    cells: &'a [Cell],
     earlier: &'a Earlier<'a>,
     targets: Targets,
     groups: Vec<Group>,
@@ -125,17 +122,16 @@ impl Work<'_> {
     }
 }
 
-/// The visibility of the viewpoints in `cells`, in `tiles`, of a scene that differs from the earlier one, and how its samples compare with that one's.
+/// The visibility of the viewpoints in `tiles`, of a scene that differs from the earlier one, and how its samples compare with that one's.
 pub fn update_rows<E: From<FieldError> + Send>(
     inputs: &FieldInputs,
-    cells: &[Cell],
     tiles: &[Tile],
     differences: &Differences,
     earlier: &Earlier,
     place: &Place<E>,
     stop: &StopToken,
 ) -> Result<(Visibility, Seen), E> {
-    let update = Update::new(inputs, cells, differences, earlier);
+    let update = Update::new(inputs, differences, earlier);
     let earlier_of = |tile: &Tile| earlier.tiles.binary_search_by_key(&tile.key, |old| old.key).ok();
     let of_tile = |tile: &Tile| match (stop.is_stopped(), earlier_of(tile)) {
         (true, _) => Err(FieldError::Stopped.into()),
@@ -152,7 +148,7 @@ pub fn update_rows<E: From<FieldError> + Send>(
 }
 
 impl<'a> Update<'a> {
-    fn new(inputs: &'a FieldInputs<'a>, cells: &'a [Cell], differences: &Differences, earlier: &'a Earlier<'a>) -> Self {
+    fn new(inputs: &'a FieldInputs<'a>, differences: &Differences, earlier: &'a Earlier<'a>) -> Self {
         let samples = &inputs.samples.samples;
         let (mut now_of, mut is_kept) = (vec![NOWHERE; earlier.samples.samples.len()], vec![false; samples.len()]);
         for (structure, old) in differences.kept.iter().enumerate() {
@@ -168,7 +164,6 @@ impl<'a> Update<'a> {
         let nothing = || vec![0; samples.len()];
         Self {
             inputs,
-            cells,
             earlier,
             targets: Targets::new(inputs),
             groups,
@@ -185,12 +180,7 @@ impl<'a> Update<'a> {
     fn is_as_before(&self, tile: &Tile, old: usize) -> bool {
         let grown = tile.bounds.grown(self.inputs.reach_m());
         let mut changed = self.gone.iter().chain(&self.come);
-        let before = &self.earlier.tiles[old].viewpoints;
-        let same_cells = || {
-            let pairs = tile.viewpoints.iter().zip(before);
-            pairs.into_iter().all(|(&now, &old)| self.cells[now as usize] == self.earlier.cells[old as usize])
-        };
-        !changed.any(|bounds| bounds.meets(&grown)) && before.len() == tile.viewpoints.len() && same_cells()
+        !changed.any(|bounds| bounds.meets(&grown)) && tile.has_cells_of(&self.earlier.tiles[old])
     }
 
     /// A tile that keeps its segment: only where its patches lie among all samples is new.
@@ -209,15 +199,15 @@ impl<'a> Update<'a> {
         let mut work = self.work(&tile.bounds, old);
         let mut before = self.rows_before(old).peekable();
         let (mut bits, mut rows) = (work.reach.row(), SegmentRows::default());
-        for &j in &tile.viewpoints {
+        for site in tile.sites() {
             if stop.is_stopped() {
                 return Err(FieldError::Stopped.into());
             }
-            let cell = self.cells[j as usize];
+            let cell = site.cell;
             while let Some(dropped) = before.next_if(|old| old.cell < cell) {
                 self.drop_row(&dropped, &mut work);
             }
-            let view = &self.inputs.viewpoints[j as usize].position;
+            let view = &site.viewpoint.position;
             match before.next_if(|old| old.cell == cell) {
                 Some(old) if work.is_far_from(view, self.inputs.reach_m()) => work.copy_row(&old, &mut rows),
                 old => {
@@ -274,14 +264,14 @@ impl<'a> Update<'a> {
 
     /// The viewpoints of an earlier tile.
     fn rows_before(&self, old: Option<usize>) -> impl Iterator<Item = Before<'a>> + use<'a> {
-        let Earlier { field, tiles, cells, .. } = self.earlier;
+        let Earlier { field, tiles, .. } = self.earlier;
         old.into_iter().flat_map(move |old| {
-            let before = move |(row, &j): (usize, &u32)| Before {
-                cell: cells[j as usize],
-                view: field.viewpoints[j as usize].position_m.into(),
+            let before = move |(row, site): (usize, &Site)| Before {
+                cell: site.cell,
+                view: site.viewpoint.position,
                 seen: field.segments[old].row(row),
             };
-            tiles[old].viewpoints.iter().enumerate().map(before)
+            tiles[old].sites().enumerate().map(before)
         })
     }
 

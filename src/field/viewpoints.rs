@@ -3,9 +3,13 @@
 //! A cell's viewpoint depends on the cell and on the geometry near it alone, so that an edit moves only viewpoints near by. Under roofs
 //! it depends on the way out as well.
 
+use std::sync::Arc;
+
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use super::strips::{Strip, Viewpoints};
+use super::tiles::TileGrid;
 use crate::scene::Bounds;
 use crate::scene::differences::Differences;
 use crate::scene::free_space::FreeSpace;
@@ -45,9 +49,8 @@ pub fn cells(free: &FreeSpace, lattice: &Lattice) -> f64 {
 }
 
 /// All viewpoints of the lattice that can be reached from the open sky, in the order of their cells; `None` when stopped.
-pub fn fill(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Vec<Viewpoint>> {
-    let sites = sites(free, lattice, stop)?;
-    Some(outside(free, &sites).into_iter().map(|index| sites[index].viewpoint).collect())
+pub fn fill(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Viewpoints> {
+    Some(outside(free, lattice, &sites(free, lattice, stop)?))
 }
 
 /// Indices of a cell of the lattice.
@@ -59,11 +62,11 @@ pub struct Site {
     pub cell: Cell,
     pub viewpoint: Viewpoint,
     /// Nothing stands above it.
-    is_open: bool,
+    pub is_open: bool,
 }
 
 /// All cells with a viewpoint, in their order; `None` when stopped.
-pub fn sites(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Vec<Site>> {
+pub fn sites(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Vec<Arc<Strip>>> {
     let (low, high) = lattice.corners(free);
     if (0..3).any(|i| high[i] < low[i]) {
         return Some(Vec::new());
@@ -76,18 +79,18 @@ pub fn sites(free: &FreeSpace, lattice: &Lattice, stop: &StopToken) -> Option<Ve
         (!stop.is_stopped()).then(|| cells.filter_map(|cell| site(free, lattice, cell)).collect())
     };
     let filled: Option<Vec<Vec<Site>>> = columns.par_iter().map(column).collect();
-    Some(filled?.concat())
+    Some(Strip::all_of(filled?.concat(), lattice.tile_grid()))
 }
 
 /// The same of a scene with these differences to an earlier one, whose sites are `before`; `earlier` is the free space there.
 pub fn sites_after(
     free: &FreeSpace,
     lattice: &Lattice,
-    before: &[Site],
+    before: &[Arc<Strip>],
     earlier: &FreeSpace,
     differences: &Differences,
     stop: &StopToken,
-) -> Option<Vec<Site>> {
+) -> Option<Vec<Arc<Strip>>> {
     let (low, high) = lattice.corners(free);
     let limits = &earlier.limits;
     let (newcomers, gone) = (free.only_new(differences), earlier.clearance.only_gone(differences));
@@ -109,13 +112,10 @@ pub fn sites_after(
     }
     columns.sort_unstable();
     columns.dedup();
-    let of_column = |column: &[i64; 2]| {
-        let first = before.partition_point(|site| site.cell[..2] < column[..]);
-        let count = before[first..].iter().take_while(|site| site.cell[..2] == column[..]).count();
-        first..first + count
-    };
+    let of_column =
+        |column: &[i64; 2]| strip_at(before, column[0]).map_or(&[][..], |strip| &strip.sites()[strip.column(column[1])]);
     let renewed = |column: &[i64; 2]| -> Option<Vec<Site>> {
-        let mut old = before[of_column(column)].iter().peekable();
+        let mut old = of_column(column).iter().peekable();
         let cells = (low[2]..=high[2]).map(|z| [column[0], column[1], z]);
         let renew = |cell: Cell| {
             while old.next_if(|site| site.cell < cell).is_some() {}
@@ -152,52 +152,106 @@ pub fn sites_after(
         (!stop.is_stopped()).then(|| cells.filter_map(renew).collect())
     };
     let fresh: Vec<Vec<Site>> = columns.par_iter().map(renewed).collect::<Option<_>>()?;
+    let grid = lattice.tile_grid();
     if is_all_new {
-        return Some(fresh.concat());
+        return Some(Strip::all_of(fresh.concat(), grid));
     }
-    let mut sites = Vec::with_capacity(before.len() + fresh.len());
-    let mut kept = 0;
+    let mut fresh = fresh.into_iter();
+    let renewals =
+        columns.chunk_by(|a, b| a[0] == b[0]).map(|columns| (columns, fresh.by_ref().take(columns.len()).collect::<Vec<_>>()));
+    let renewals: Vec<_> = renewals.collect();
+    let renewed = renewals.into_par_iter().map(|(columns, fresh)| {
+        let x = columns[0][0];
+        (x, renewed_strip(strip_at(before, x), columns, fresh, grid))
+    });
+    let renewed: Vec<(i64, Option<Arc<Strip>>)> = renewed.collect();
+    let (mut strips, mut old) = (Vec::with_capacity(before.len() + renewed.len()), before.iter().peekable());
+    for (x, strip) in renewed {
+        strips.extend(std::iter::from_fn(|| old.next_if(|old| old.x() < x)).cloned());
+        old.next_if(|old| old.x() == x);
+        strips.extend(strip);
+    }
+    strips.extend(old.cloned());
+    Some(strips)
+}
+
+/// The strip of cells with a first index.
+fn strip_at(strips: &[Arc<Strip>], x: i64) -> Option<&Arc<Strip>> {
+    strips.binary_search_by_key(&x, |strip| strip.x()).ok().map(|index| &strips[index])
+}
+
+/// A strip some of whose columns are made anew; the same as before where nothing is otherwise.
+fn renewed_strip(before: Option<&Arc<Strip>>, columns: &[[i64; 2]], fresh: Vec<Vec<Site>>, grid: TileGrid) -> Option<Arc<Strip>> {
+    let old = before.map_or(&[][..], |strip| strip.sites());
+    let (mut sites, mut kept) = (Vec::with_capacity(old.len()), 0);
     for (column, fresh) in columns.iter().zip(fresh) {
-        let old = of_column(column);
-        sites.extend_from_slice(&before[kept..old.start]);
+        let range = before.map_or(0..0, |strip| strip.column(column[1]));
+        sites.extend_from_slice(&old[kept..range.start]);
         sites.extend(fresh);
-        kept = old.end;
+        kept = range.end;
     }
-    sites.extend_from_slice(&before[kept..]);
-    Some(sites)
+    sites.extend_from_slice(&old[kept..]);
+    match before {
+        Some(before) if sites == old => Some(Arc::clone(before)),
+        _ => Strip::new(sites, grid),
+    }
 }
 
 /// Changed boxes are taken for so much larger, m, that rounding decides nothing.
 const SLACK_M: f64 = 1e-3;
 
-/// Only the viewpoints that can be reached from the open sky, by their places among the sites: a hall is free space too, but no drone gets in.
+/// Only the viewpoints that can be reached from the open sky: a hall is free space too, but no drone gets in.
 ///
 /// A viewpoint with nothing above it is outside. Another one is, when a chain of safe legs between neighbouring cells leads to
 /// one that is; these are few, under bridges and overhangs.
-pub fn outside(free: &FreeSpace, sites: &[Site]) -> Vec<usize> {
-    let mut is_outside: Vec<bool> = sites.iter().map(|site| site.is_open).collect();
-    let neighbours = |index: usize| {
-        let [x, y, z] = sites[index].cell;
+pub fn outside(free: &FreeSpace, lattice: &Lattice, strips: &[Arc<Strip>]) -> Viewpoints {
+    // Strips of open sites alone have no flags.
+    let flags = |strip: &Arc<Strip>| (!strip.is_open()).then(|| strip.sites().iter().map(|site| site.is_open).collect());
+    let mut is_outside: Vec<Option<Vec<bool>>> = strips.iter().map(flags).collect();
+    let is_out =
+        |flags: &[Option<Vec<bool>>], (strip, site): (usize, usize)| flags[strip].as_ref().is_none_or(|flags| flags[site]);
+    let site_of = |(strip, site): (usize, usize)| &strips[strip].sites()[site];
+    let neighbours = |place: (usize, usize)| {
+        let [x, y, z] = site_of(place).cell;
         let offsets = (0..27).map(|k| [k / 9 - 1, k / 3 % 3 - 1, k % 3 - 1]);
-        let place = |cell: Cell| sites.binary_search_by_key(&cell, |site| site.cell).ok();
-        offsets.filter_map(|[i, j, k]| place([x + i, y + j, z + k])).collect::<Vec<_>>()
+        let find = |cell: Cell| {
+            let strip = strips.binary_search_by_key(&cell[0], |strip| strip.x()).ok()?;
+            Some((strip, strips[strip].sites().binary_search_by_key(&cell, |site| site.cell).ok()?))
+        };
+        offsets.filter_map(|[i, j, k]| find([x + i, y + j, z + k])).collect::<Vec<(usize, usize)>>()
     };
-    let joins = |a: usize, b: usize| free.is_leg_safe(&sites[a].viewpoint.position, &sites[b].viewpoint.position);
-    let covered: Vec<usize> = (0..sites.len()).filter(|&index| !is_outside[index]).collect();
-    let mut queue: Vec<usize> =
-        covered.iter().copied().filter(|&u| neighbours(u).iter().any(|&v| is_outside[v] && joins(u, v))).collect();
+    let joins = |a, b| free.is_leg_safe(&site_of(a).viewpoint.position, &site_of(b).viewpoint.position);
+    let hidden = |(strip, flags): (usize, &Option<Vec<bool>>)| {
+        let sites = flags.iter().flatten().enumerate().filter(|(_, is_out)| !**is_out);
+        sites.map(|(site, _)| (strip, site)).collect::<Vec<_>>()
+    };
+    let covered: Vec<(usize, usize)> = is_outside.iter().enumerate().flat_map(hidden).collect();
+    let leads_out = |&u: &(usize, usize)| neighbours(u).iter().any(|&v| is_out(&is_outside, v) && joins(u, v));
+    let mut queue: Vec<(usize, usize)> = covered.into_iter().filter(leads_out).collect();
     while let Some(u) = queue.pop() {
-        if std::mem::replace(&mut is_outside[u], true) {
+        let Some(flags) = &mut is_outside[u.0] else { continue };
+        if std::mem::replace(&mut flags[u.1], true) {
             continue;
         }
-        queue.extend(neighbours(u).into_iter().filter(|&v| !is_outside[v] && joins(u, v)));
+        queue.extend(neighbours(u).into_iter().filter(|&v| !is_out(&is_outside, v) && joins(u, v)));
     }
-    (0..sites.len()).filter(|&index| is_outside[index]).collect()
+    let reached = |(strip, flags): (&Arc<Strip>, &Option<Vec<bool>>)| match flags {
+        Some(flags) if flags.contains(&false) => {
+            let sites = strip.sites().iter().zip(flags).filter(|(_, is_out)| **is_out);
+            Strip::new(sites.map(|(site, _)| *site).collect(), lattice.tile_grid())
+        }
+        _ => Some(Arc::clone(strip)),
+    };
+    Viewpoints::new(strips.iter().zip(&is_outside).filter_map(reached).collect())
 }
 
 impl Lattice {
     fn cell(&self, p: &Point3<f64>) -> Cell {
         ((p - self.origin) / self.spacing_m).map(|v| v.floor() as i64).into()
+    }
+
+    pub fn tile_grid(&self) -> TileGrid {
+        TileGrid::new(self.spacing_m)
     }
 
     /// The first and the last cell within the limits.
@@ -276,7 +330,7 @@ mod tests {
             let lattice = Lattice { origin: Point3::new(-60.0, -60.0, 0.0), spacing_m: 6.0, shell_m: 25.0, seed: 1 };
             let viewpoints = fill(&free, &lattice, &StopToken::default()).expect("nobody stops it");
             let within = |v: &Viewpoint| (0.0..40.0).contains(&v.position.x) && (0.0..40.0).contains(&v.position.y);
-            let inside = viewpoints.iter().filter(|v| within(v) && v.position.z < 25.0).count();
+            let inside = viewpoints.sites().map(|site| site.viewpoint).filter(|v| within(v) && v.position.z < 25.0).count();
             assert_eq!(inside > 0, expected, "open: {open}, {inside} viewpoints inside");
             assert!(viewpoints.len() > 100);
         }
@@ -309,11 +363,11 @@ mod tests {
         let (was, rebuilt) = (sites_of(&old), sites_of(&new));
         let differences = Differences::between(&before, &after);
         let updated = sites_after(&new, &lattice, &was, &old, &differences, &StopToken::default()).unwrap();
-        let cells = |sites: &[Site]| sites.iter().map(|site| (site.cell, site.viewpoint, site.is_open)).collect::<Vec<_>>();
-        assert!(cells(&was) != cells(&rebuilt) && cells(&updated) == cells(&rebuilt));
+        assert!(was != rebuilt && updated == rebuilt);
         // Far above the ground as well.
-        let far = |sites: &[Site]| {
-            sites.iter().filter(|site| site.viewpoint.position.z > 70.0).map(|site| site.cell).collect::<Vec<_>>()
+        let far = |strips: &[Arc<Strip>]| {
+            let sites = strips.iter().flat_map(|strip| strip.sites());
+            sites.filter(|site| site.viewpoint.position.z > 70.0).map(|site| site.cell).collect::<Vec<_>>()
         };
         assert!(far(&was) != far(&rebuilt));
     }

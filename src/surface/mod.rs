@@ -232,8 +232,15 @@ pub struct Samples {
 impl Samples {
     /// `samples` in the order of the structures, of which there are so many.
     pub fn new(samples: Vec<Sample>, structures: usize) -> Self {
-        let first = |index: usize| samples.partition_point(|sample| (sample.structure as usize) < index);
-        let firsts = (0..=structures).map(first).collect();
+        let mut counts = vec![0; structures + 1];
+        samples.iter().for_each(|sample| counts[sample.structure as usize + 1] += 1);
+        let firsts = counts
+            .iter()
+            .scan(0, |first, count| {
+                *first += count;
+                Some(*first)
+            })
+            .collect();
         Self { samples, firsts }
     }
 

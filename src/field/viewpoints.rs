@@ -97,8 +97,9 @@ pub fn sites_after(
     // Clearances are cut off at the outer edge of the shell: what is farther away changes nothing.
     let near: Vec<Bounds> = differences.boxes().map(|bounds| bounds.grown(SLACK_M)).collect();
     let barred: Vec<Bounds> = differences.barred.iter().map(|bounds| bounds.grown(SLACK_M)).collect();
-    // The highest or the outermost structure decides on the limits, the ground on altitudes: when they move, cells come and go far from it too.
-    let is_all_new = free.limits != *limits || differences.is_ground_new;
+    // The highest or the outermost structure decides on the limits, the ground on altitudes: when they move, cells may come and go far from it too.
+    let have_moved = free.limits != *limits && !differ_above_all(free, limits, lattice, differences);
+    let is_all_new = have_moved || differences.is_ground_new;
     let shells: Vec<Bounds> = match is_all_new {
         true => vec![free.limits],
         false => near.iter().map(|bounds| bounds.grown(lattice.shell_m)).chain(barred.iter().copied()).collect(),
@@ -173,6 +174,15 @@ pub fn sites_after(
     }
     strips.extend(old.cloned());
     Some(strips)
+}
+
+/// Whether other limits differ from those of a scene only where no structure that stands in both can have viewpoints: higher above it than its shell.
+fn differ_above_all(free: &FreeSpace, limits: &Bounds, lattice: &Lattice, differences: &Differences) -> bool {
+    let top_m = free.limits.max.z.min(limits.max.z);
+    let is_ceiling_alone = free.limits.min == limits.min && free.limits.max.xy() == limits.max.xy();
+    let bounds = free.structure_bounds();
+    let mut kept = bounds.iter().zip(&differences.kept).filter(|(_, kept)| kept.is_some());
+    is_ceiling_alone && free.terrain().is_none() && kept.all(|(bounds, _)| bounds.max.z + lattice.shell_m + SLACK_M <= top_m)
 }
 
 /// The strip of cells with a first index.
@@ -333,6 +343,46 @@ mod tests {
             let inside = viewpoints.sites().map(|site| site.viewpoint).filter(|v| within(v) && v.position.z < 25.0).count();
             assert_eq!(inside > 0, expected, "open: {open}, {inside} viewpoints inside");
             assert!(viewpoints.len() > 100);
+        }
+    }
+
+    /// A hall of this height, so far to the east.
+    fn hall_at(east_m: f64, height_m: f64) -> Arc<Structure> {
+        let mut hall = Structure::clone(&hall(false).structures[0]);
+        let Shape::Mesh { triangles } = &mut hall.shape else { panic!("a mesh") };
+        triangles.iter_mut().flatten().for_each(|corner| (corner.x, corner.z) = (corner.x + east_m, corner.z * height_m / 30.0));
+        hall.name = format!("hall-{east_m}");
+        Arc::new(Structure { id: StructureId::of_name(&hall.name), ..hall })
+    }
+
+    #[test]
+    fn a_taller_tower_lets_flights_rise_elsewhere_as_after_a_rebuild() {
+        // Where flights may not rise as far above roofs as viewpoints do, there are more of them then; else there are as many.
+        for (above_tallest_m, are_more) in [(5.0, true), (60.0, false)] {
+            let mut settings = Settings::default();
+            settings.flight.above_tallest_m = above_tallest_m;
+            let low = hall_at(200.0, 30.0);
+            let with = |tower: Arc<Structure>| {
+                let mut scene = Scene { structures: vec![Arc::clone(&low), tower], ..hall(false) };
+                scene.structures.sort_by_key(|structure| structure.id);
+                scene
+            };
+            let (before, after) = (with(hall_at(0.0, 40.0)), with(hall_at(0.0, 55.0)));
+            let lattice = Lattice { origin: Point3::new(-60.0, -60.0, 0.0), spacing_m: 6.0, shell_m: 25.0, seed: 1 };
+            let [old, new] = [&before, &after].map(|scene| FreeSpace::new(scene, &settings.flight).unwrap());
+            assert_ne!(old.limits, new.limits);
+            let [was, rebuilt] = [&old, &new].map(|free| sites(free, &lattice, &StopToken::default()).unwrap());
+            for (from, to, was, rebuilt) in [(&before, &after, &was, &rebuilt), (&after, &before, &rebuilt, &was)] {
+                let (earlier, free) = if std::ptr::eq(from, &before) { (&old, &new) } else { (&new, &old) };
+                let differences = Differences::between(from, to);
+                assert_eq!(
+                    sites_after(free, &lattice, was, earlier, &differences, &StopToken::default()).as_ref(),
+                    Some(rebuilt)
+                );
+            }
+            let east =
+                |strips: &[Arc<Strip>]| strips.iter().flat_map(|strip| strip.sites()).filter(|site| site.cell[0] > 35).count();
+            assert_eq!(east(&rebuilt) > east(&was), are_more, "{} and {}", east(&was), east(&rebuilt));
         }
     }
 

@@ -1,8 +1,6 @@
 //! Tiles: viewpoints of neighbouring columns of the lattice. The rows of a tile's viewpoints lie in one segment, and what they may see is found out once
 //! for all of them, so that time and memory of a field grow with the area and not with its square.
 
-use std::ops::BitOrAssign;
-
 use overfly_table::SegmentRows;
 use overfly_table::rows::PATCH;
 
@@ -121,7 +119,7 @@ impl<'a> Reach<'a> {
     }
 
     /// Adds masks by patch to those of all samples.
-    pub fn merge<T: Copy + BitOrAssign>(&self, masks: &[T], all: &mut [T]) {
+    pub fn merge(&self, masks: &[Mask], all: &mut [Mask]) {
         for (masks, &first) in masks.chunks(PATCH).zip(&self.firsts) {
             // The last patches end beyond the last sample.
             all[first as usize..].iter_mut().zip(masks).for_each(|(all, mask)| *all |= *mask);

@@ -93,9 +93,9 @@ struct Suspect {
 /// A tile that is updated: what it may see, and what is found.
 struct Work<'a> {
     reach: Reach<'a>,
-    gained: Vec<Mask>,
-    lost: Vec<Mask>,
-    is_touched: Vec<bool>,
+    /// Cells of samples that a viewpoint sees that it did not see before, and the other way round: mostly of a few samples among all in reach.
+    gained: Vec<(usize, Mask)>,
+    lost: Vec<(usize, Mask)>,
     /// Boxes within reach in which something stood, and stands now.
     gone: Vec<Bounds>,
     come: Vec<Bounds>,
@@ -133,16 +133,26 @@ pub fn update_rows<E: From<FieldError> + Send>(
 ) -> Result<(Visibility, Seen), E> {
     let update = Update::new(inputs, differences, earlier);
     let earlier_of = |tile: &Tile| earlier.tiles.binary_search_by_key(&tile.key, |old| old.key).ok();
-    let of_tile = |tile: &Tile| match (stop.is_stopped(), earlier_of(tile)) {
-        (true, _) => Err(FieldError::Stopped.into()),
-        (false, Some(old)) if update.is_as_before(tile, old) => Ok((update.kept_tile(old), true)),
-        (false, old) => Ok((update.tile(tile, old, place, stop)?, false)),
+    let of_tile = |number: usize| {
+        let tile = &tiles[number];
+        if stop.is_stopped() {
+            return Err(FieldError::Stopped.into());
+        }
+        match earlier_of(tile) {
+            Some(old) if update.is_as_before(tile, old) => Ok((number, update.kept_tile(old), true)),
+            old => Ok((number, update.tile(tile, old, place, stop)?, false)),
+        }
     };
-    let rows: Result<Vec<_>, E> = tiles.par_iter().with_max_len(1).map(of_tile).collect();
+    // Those that have most to do come first, so that nobody is left alone with one of them in the end.
+    let mut order: Vec<usize> = (0..tiles.len()).collect();
+    order.sort_by_cached_key(|&tile| update.distance_key(&tiles[tile]));
+    let rows: Result<Vec<_>, E> = order.into_iter().par_bridge().map(of_tile).collect();
+    let mut rows = rows?;
+    rows.sort_unstable_by_key(|(number, ..)| *number);
     let is_vanished = |old: &usize| tiles.binary_search_by_key(&earlier.tiles[*old].key, |tile| tile.key).is_err();
     (0..earlier.tiles.len()).filter(is_vanished).for_each(|old| update.drop_tile(old));
-    let (rows, is_kept): (Vec<(Segment, Vec<u32>)>, Vec<bool>) = rows?.into_iter().unzip();
-    let (segments, patches): (Vec<Segment>, Vec<Vec<u32>>) = rows.into_iter().unzip();
+    let is_kept: Vec<bool> = rows.iter().map(|(.., is_kept)| *is_kept).collect();
+    let (segments, patches): (Vec<Segment>, Vec<Vec<u32>>) = rows.into_iter().map(|(_, row, _)| row).unzip();
     let unions = update.unions(&Rows { tiles, segments: &segments, patches: &patches, is_kept: &is_kept });
     Ok((Visibility { segments, patches, unions }, update.into_seen()))
 }
@@ -181,6 +191,13 @@ impl<'a> Update<'a> {
         let grown = tile.bounds.grown(self.inputs.reach_m());
         let mut changed = self.gone.iter().chain(&self.come);
         !changed.any(|bounds| bounds.meets(&grown)) && tile.has_cells_of(&self.earlier.tiles[old])
+    }
+
+    /// Orders tiles by how far they are from what has changed, in decimetres.
+    fn distance_key(&self, tile: &Tile) -> u64 {
+        let middle = nalgebra::center(&tile.bounds.min, &tile.bounds.max);
+        let changed = self.gone.iter().chain(&self.come);
+        changed.map(|bounds| (10.0 * bounds.distance_squared(&middle).sqrt()) as u64).min().unwrap_or(u64::MAX)
     }
 
     /// A tile that keeps its segment: only where its patches lie among all samples is new.
@@ -245,8 +262,7 @@ impl<'a> Update<'a> {
         };
         let suspects: Vec<Suspect> = reach.groups.iter().enumerate().filter_map(suspect).collect();
         let moved = moved.unwrap_or_default();
-        let (gained, lost) = (reach.masks(), reach.masks());
-        Work { is_touched: vec![false; gained.len()], gained, lost, gone, come, suspects, moved, reach }
+        Work { gained: Vec::new(), lost: Vec::new(), gone, come, suspects, moved, reach }
     }
 
     /// The patch that began at the earlier sample `first`.
@@ -277,13 +293,12 @@ impl<'a> Update<'a> {
 
     /// The row of a viewpoint, which may have been there before.
     fn fill_row(&self, view: &Point3<f64>, before: Option<Before>, bits: &mut RowBits, work: &mut Work) {
-        let Work { reach, gained, lost, is_touched, gone, come, suspects, moved } = work;
+        let Work { reach, gained, lost, gone, come, suspects, moved } = work;
         let mask = |i: usize| self.inputs.disks.mask(&self.targets.frames[i], view);
         let Some(before) = before else {
             self.targets.seen_from(self.inputs, reach, view, |i, patch, offset| {
                 bits.mark(patch, offset);
-                gained[patch * PATCH + offset] |= mask(i);
-                is_touched[patch * PATCH + offset] = true;
+                gained.push((i, mask(i)));
             });
             return;
         };
@@ -313,12 +328,10 @@ impl<'a> Update<'a> {
                 let was_seen = self.is_kept[i] && bits.is_marked(patch, offset);
                 if was_seen && has_any_come && self.exchange.may_change(false, view, end) {
                     bits.unmark(patch, offset);
-                    lost[patch * PATCH + offset] |= mask(i);
-                    is_touched[patch * PATCH + offset] = true;
+                    lost.push((i, mask(i)));
                 } else if !was_seen && self.may_be_seen(i, is_any_gone, view) && self.targets.is_seen(self.inputs, i, view) {
                     bits.mark(patch, offset);
-                    gained[patch * PATCH + offset] |= mask(i);
-                    is_touched[patch * PATCH + offset] = true;
+                    gained.push((i, mask(i)));
                 }
             }
         }
@@ -336,9 +349,8 @@ impl<'a> Update<'a> {
         for seen in dropped.seen {
             let Moved { patch, kept } = work.moved[seen.patch as usize];
             for b in ones(seen.bits & kept) {
-                let frame = &self.targets.frames[work.reach.first(patch) + b];
-                work.lost[patch * PATCH + b] |= self.inputs.disks.mask(frame, &dropped.view);
-                work.is_touched[patch * PATCH + b] = true;
+                let i = work.reach.first(patch) + b;
+                work.lost.push((i, self.inputs.disks.mask(&self.targets.frames[i], &dropped.view)));
             }
         }
     }
@@ -370,9 +382,13 @@ impl<'a> Update<'a> {
 
     fn merge(&self, work: &Work) {
         let mut found = self.lock();
-        work.reach.merge(&work.gained, &mut found.gained);
-        work.reach.merge(&work.lost, &mut found.lost);
-        work.reach.merge(&work.is_touched, &mut found.is_touched);
+        let Found { gained, lost, is_touched } = &mut *found;
+        for (all, changed) in [(gained, &work.gained), (lost, &work.lost)] {
+            for &(i, mask) in changed {
+                all[i] |= mask;
+                is_touched[i] = true;
+            }
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, Found> {

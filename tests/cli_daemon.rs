@@ -367,10 +367,9 @@ fn the_warm_bench_tells_when_a_flight_is_as_good_as_a_cold_one_and_when_a_cancel
     let small = ["--iterations", "4", "--repeat", "2", "--samples", "150", "--viewpoints", "200"];
     let answer = place.json(&[&["bench", "warm", scene.as_str()], small.as_slice()].concat());
     let steps = answer["steps"].as_array().unwrap();
-    assert_eq!(steps.len(), 5, "{answer}");
-    // A cold plan is made for each plan that is looked at; searches of both kinds are cancelled.
-    assert_eq!([0, 1, 3, 4].map(|step| steps[step]["repeats"].as_u64()), [2, 2, 2, 4].map(Some), "{answer}");
-    assert!(steps[2]["repeats"].as_u64() >= Some(2), "{answer}");
+    // Three cold plans are made after each edit; searches of both kinds are cancelled.
+    let repeats: Vec<Option<u64>> = steps.iter().map(|step| step["repeats"].as_u64()).collect();
+    assert_eq!(repeats, [2, 2, 6, 2, 2, 4].map(Some), "{answer}");
     // What never became as good took no time that could be told.
     let never = answer["facts"]["never_as_good"].as_u64().unwrap();
     assert!(never > 0 || steps[0]["median"].as_f64().unwrap() > 0.0, "{answer}");

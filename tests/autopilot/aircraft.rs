@@ -34,6 +34,8 @@ pub struct Control {
     /// Images that were taken, and orders that came.
     pub images: usize,
     pub orders: Vec<MavCmd>,
+    /// The order that came last, with its third number, which tells modes apart.
+    last_order: Option<(MavCmd, f32)>,
     /// The longest that it has stood still on a mission, steps.
     pub longest_stand: usize,
     pub is_armed: bool,
@@ -169,7 +171,11 @@ fn obey(control: &mut Control, from: Address, message: &MavMessage, now: Duratio
         MavCmd::MAV_CMD_DO_SET_MODE => control.is_flying = command.param3 != 3.0,
         _ => {}
     }
-    control.orders.push(command.command);
+    // Whose answer was lost on the way gives an order again.
+    let order = (command.command, command.param3);
+    if control.last_order.replace(order) != Some(order) || command.confirmation == 0 {
+        control.orders.push(command.command);
+    }
     let ack = COMMAND_ACK_DATA {
         command: command.command,
         target_system: from.system,

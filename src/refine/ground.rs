@@ -57,6 +57,14 @@ pub struct Ground<'a> {
     pub stop: StopToken,
 }
 
+/// A city's rows are a hundred thousand pieces of memory: whoever waits for the end of a search does not wait until all of them are free.
+impl Drop for Ground<'_> {
+    fn drop(&mut self) {
+        let pieces = (std::mem::take(&mut self.rows), std::mem::take(&mut self.seers));
+        rayon::spawn(move || drop(pieces));
+    }
+}
+
 /// The wanted samples of a row of the field, with their positions.
 #[derive(Clone, Debug, Default)]
 struct Row {
@@ -177,7 +185,7 @@ impl<'a> Ground<'a> {
         };
         self.rows = (0..problem.field.viewpoints.len()).into_par_iter().with_min_len(LEAST_ROWS).map(row).collect();
         self.seers = vec![Vec::new(); problem.frames.len()];
-        for (j, row) in (0..).zip(&self.rows) {
+        for (j, row) in (0..).zip(&self.rows).take_while(|_| !self.stop.is_abandoned()) {
             row.samples.iter().for_each(|&i| self.seers[i as usize].push(j));
         }
         self.most = self.counts().most();

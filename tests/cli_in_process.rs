@@ -486,10 +486,11 @@ fn a_search_that_takes_long_shows_a_first_look() {
     let scene = place.scene();
     let words = ["plan", &scene, "--samples", "1500", "--viewpoints", "300", "--out", "out"];
     let mut command = place.command(&words);
-    let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    let mut child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
     // The page is written last, and a file that is not whole yet has no end.
     let page = || std::fs::read_to_string(place.path("out/plan.html")).unwrap_or_default();
     while !page().ends_with("</html>\n") {
+        assert_eq!(child.try_wait().unwrap(), None, "it ends without a first look");
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     assert!(page().contains("The search goes on"));

@@ -7,6 +7,7 @@
 mod build;
 mod lookup;
 mod lost;
+mod outside;
 mod rows;
 mod strips;
 mod survey;
@@ -16,7 +17,8 @@ mod viewpoints;
 
 pub use build::{Outlines, counts};
 pub use lookup::Lookup;
+pub use outside::outside;
 pub use rows::Place;
 pub use strips::{Strip, Viewpoints};
 pub use survey::{Changes, Cleared, FieldError, FieldStorage, Findings, HeapField, Snapshot, Survey};
-pub use viewpoints::{Cell, Lattice, Site, Viewpoint, cells, choose_spacing_m, fill, outside, sites, sites_after};
+pub use viewpoints::{Cell, Lattice, Site, Viewpoint, cells, choose_spacing_m, fill, sites, sites_after};

@@ -52,6 +52,11 @@ impl Strip {
         strips.into_par_iter().filter_map(|sites| Self::new(sites.to_vec(), grid)).collect()
     }
 
+    /// The place among strips, which are in their order, of that whose cells have such a first index.
+    pub fn find(strips: &[Arc<Self>], x: i64) -> Option<usize> {
+        strips.binary_search_by_key(&x, |strip| strip.x()).ok()
+    }
+
     /// The first index of its cells.
     pub fn x(&self) -> i64 {
         self.sites[0].cell[0]

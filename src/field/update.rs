@@ -144,9 +144,9 @@ pub fn update_rows<E: From<FieldError> + Send>(
         }
     };
     // Those that have most to do come first, so that nobody is left alone with one of them in the end.
-    let mut order: Vec<usize> = (0..tiles.len()).collect();
-    order.sort_by_cached_key(|&tile| update.distance_key(&tiles[tile]));
-    let rows: Result<Vec<_>, E> = order.into_iter().par_bridge().map(of_tile).collect();
+    let mut order: Vec<(f64, usize)> = tiles.iter().map(|tile| update.distance_squared(tile)).zip(0..).collect();
+    order.sort_by(|(one, _), (other, _)| one.total_cmp(other));
+    let rows: Result<Vec<_>, E> = order.into_iter().par_bridge().map(|(_, number)| of_tile(number)).collect();
     let mut rows = rows?;
     rows.sort_unstable_by_key(|(number, ..)| *number);
     let is_vanished = |old: &usize| tiles.binary_search_by_key(&earlier.tiles[*old].key, |tile| tile.key).is_err();
@@ -193,11 +193,10 @@ impl<'a> Update<'a> {
         !changed.any(|bounds| bounds.meets(&grown)) && tile.has_cells_of(&self.earlier.tiles[old])
     }
 
-    /// Orders tiles by how far they are from what has changed, in decimetres.
-    fn distance_key(&self, tile: &Tile) -> u64 {
+    /// How far the middle of a tile is from what has changed, squared, m^2.
+    fn distance_squared(&self, tile: &Tile) -> f64 {
         let middle = nalgebra::center(&tile.bounds.min, &tile.bounds.max);
-        let changed = self.gone.iter().chain(&self.come);
-        changed.map(|bounds| (10.0 * bounds.distance_squared(&middle).sqrt()) as u64).min().unwrap_or(u64::MAX)
+        self.gone.iter().chain(&self.come).map(|bounds| bounds.distance_squared(&middle)).fold(f64::INFINITY, f64::min)
     }
 
     /// A tile that keeps its segment: only where its patches lie among all samples is new.

@@ -317,31 +317,57 @@ mod tests {
         /// Structures come, go and come back; what is shared with the scenes before decides nothing.
         #[test]
         fn queries_after_edits_are_those_of_a_scene_made_anew(
-            bodies in proptest::collection::vec(small_triangle(), 64), edits in proptest::collection::vec(any::<u64>(), 1..24),
-            a in point(), b in point(), cap in 0.5..60.0f64,
+            triangles in proptest::collection::vec(small_triangle(), 64), edits in proptest::collection::vec(0..64usize, 1..24), a in point(),
+            cap in 0.5..60.0f64,
         ) {
-            let scene = |mask: u64| -> Vec<usize> { (0..bodies.len()).filter(|k| mask >> k & 1 == 1).collect() };
-            let all: Vec<Arc<Body>> = bodies.iter().map(|triangle| Arc::new(Body::new(vec![*triangle]))).collect();
-            let of = |mask: u64| -> Vec<Arc<Body>> { scene(mask).into_iter().map(|k| Arc::clone(&all[k])).collect() };
-            // Half of them stand at first, so that some can come.
-            let mut mask = 0x5555_5555_5555_5555;
-            let mut clearance = Clearance::of_bodies(of(mask));
-            for edit in edits {
-                // Few of them change at once, so that hierarchies are shared.
-                let next = mask ^ (edit & edit >> 7 & edit >> 13 & edit >> 19 & edit >> 29 & edit >> 37);
-                let (old, new) = (scene(mask), scene(next));
-                let kept: Vec<Option<usize>> = new.iter().map(|k| old.binary_search(k).ok()).collect();
-                clearance = Clearance::of_bodies_after(&clearance, of(next), &kept);
-                mask = next;
-                let anew = Clearance::of_bodies(of(mask));
-                let box_of_both = Bounds { min: a.inf(&b), max: a.sup(&b) };
-                prop_assert_eq!(clearance.structures_near(&box_of_both), anew.structures_near(&box_of_both));
-                prop_assert_eq!(clearance.occluded(&a, &b), anew.occluded(&a, &b));
-                prop_assert_eq!(clearance.keeps_distance(&a, &b, cap), anew.keeps_distance(&a, &b, cap));
-                prop_assert_eq!(clearance.segment_distance_m(&a, &b, cap), anew.segment_distance_m(&a, &b, cap));
-                prop_assert_eq!(clearance.point_distance_m(&a, cap), anew.point_distance_m(&a, cap));
+            let bodies: Vec<Arc<Body>> = triangles.iter().map(|triangle| Arc::new(Body::new(vec![*triangle]))).collect();
+            // Half of them stand at first.
+            let mut standing: Vec<usize> = (0..64).step_by(2).collect();
+            let of = |standing: &[usize]| -> Vec<Arc<Body>> { standing.iter().map(|&k| Arc::clone(&bodies[k])).collect() };
+            let mut clearance = Clearance::of_bodies(of(&standing));
+            for edited in edits {
+                let before = standing.clone();
+                match standing.binary_search(&edited) {
+                    Ok(place) => drop(standing.remove(place)),
+                    Err(place) => standing.insert(place, edited),
+                }
+                let kept: Vec<Option<usize>> = standing.iter().map(|k| before.binary_search(k).ok()).collect();
+                clearance = Clearance::of_bodies_after(&clearance, of(&standing), &kept);
+                let anew = Clearance::of_bodies(of(&standing));
+                // Lines through each of them, and through those that do not stand.
+                for [p, q, r] in &triangles {
+                    let through = a + (nalgebra::center(p, &nalgebra::center(q, r)) - a) * 1.5;
+                    let around = Bounds { min: a.inf(&through), max: a.sup(&through) };
+                    prop_assert_eq!(clearance.structures_near(&around), anew.structures_near(&around));
+                    prop_assert_eq!(clearance.occluded(&a, &through), anew.occluded(&a, &through));
+                    for distance_m in [0.1, cap] {
+                        prop_assert_eq!(clearance.keeps_distance(&a, p, distance_m), anew.keeps_distance(&a, p, distance_m));
+                    }
+                    prop_assert_eq!(clearance.segment_distance_m(&a, &through, cap), anew.segment_distance_m(&a, &through, cap));
+                    prop_assert_eq!(clearance.point_distance_m(p, cap), anew.point_distance_m(p, cap));
+                }
             }
         }
+    }
+
+    #[test]
+    fn an_edit_leaves_most_structures_in_the_hierarchy_that_was_made_before_it() {
+        let at =
+            |x: f64| Arc::new(Body::new(vec![[Point3::new(x, 0.0, 0.0), Point3::new(x, 5.0, 0.0), Point3::new(x, 0.0, 5.0)]]));
+        let mut bodies: Vec<Arc<Body>> = (0..64).map(|k| at(f64::from(k))).collect();
+        let before = Clearance::of_bodies(bodies.clone());
+        bodies[10] = at(-20.0);
+        let kept: Vec<Option<usize>> = (0..64).map(|k| (k != 10).then_some(k)).collect();
+        let after = Clearance::of_bodies_after(&before, bodies, &kept);
+        assert!(after.early.shares_hierarchy_with(&before.early));
+        assert_eq!((after.early.gone(), after.late.structures().collect::<Vec<_>>()), (1, vec![10]));
+        let line = |x: f64| (Point3::new(x - 0.4, 1.0, 1.0), Point3::new(x + 0.4, 1.0, 1.0));
+        let is_blocked = |clearance: &Clearance, (a, b): (Point3<f64>, Point3<f64>)| clearance.occluded(&a, &b);
+        assert!(is_blocked(&before, line(10.0)) && !is_blocked(&after, line(10.0)));
+        assert!(is_blocked(&after, line(-20.0)) && !is_blocked(&before, line(-20.0)));
+        // When much has changed there is a new one.
+        let all_new = Clearance::of_bodies_after(&after, (0..64).map(|k| at(f64::from(k))).collect(), &[None; 64]);
+        assert!(!all_new.early.shares_hierarchy_with(&after.early));
     }
 
     #[test]

@@ -50,6 +50,11 @@ impl Group {
         self.places.iter().filter(|&&place| place != GONE).map(|&place| place as usize)
     }
 
+    #[cfg(test)]
+    pub fn shares_hierarchy_with(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.hierarchy, &other.hierarchy)
+    }
+
     /// Those that are there no more.
     pub fn gone(&self) -> usize {
         self.places.len() - self.structures().count()

@@ -193,15 +193,21 @@ pub fn plan_file(
     if let Some((on_first, options)) = on_first.zip(first_look::options(&options, &snapshot, settings)) {
         meter.stage("searching for a first look");
         meter.keep_moving();
-        let planned = Planned { is_first: true, ..search(&options, &mut |_| {})? };
-        on_first(&planned, meter)?;
-        first = Some(planned);
+        // What is wrong with the order the search itself says.
+        if let Ok(planned) = search(&options, &mut |_| {}) {
+            let planned = Planned { is_first: true, ..planned };
+            if !stop.is_stopped() {
+                on_first(&planned, meter)?;
+            }
+            first = Some(planned);
+        }
     }
-    // Whoever has ended the search has seen enough.
-    match first {
-        Some(first) if stop.is_stopped() => Ok(first_look::ended(first)),
-        Some(first) => Ok(first_look::better(first, search(&options, &mut |progress| meter.search(progress))?)),
-        None => search(&options, &mut |progress| meter.search(progress)),
+    let last = search(&options, &mut |progress| meter.search(progress));
+    match (first, last) {
+        (Some(first), Ok(last)) => Ok(first_look::better(first, last)),
+        // It was ended before it had any plan.
+        (Some(first), Err(_)) if stop.is_stopped() => Ok(first_look::ended(first)),
+        (_, last) => last,
     }
 }
 

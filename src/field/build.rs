@@ -9,7 +9,6 @@ use overfly_table::{Block, FieldTableMut};
 use rayon::prelude::*;
 
 use super::rows::Visibility;
-use super::strips::Viewpoints;
 use super::tiles::Tile;
 use super::viewpoints::Viewpoint;
 use crate::coverage::DiskModel;
@@ -25,7 +24,6 @@ pub struct FieldInputs<'a> {
     pub outlines: &'a Outlines,
     pub free: &'a FreeSpace,
     pub samples: &'a Samples,
-    pub viewpoints: &'a Viewpoints,
     pub disks: &'a DiskModel,
     pub facts: FieldFacts,
     /// How far in front of a sample a line of sight ends, m, so that it does not end in the sample's own surface.

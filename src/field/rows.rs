@@ -37,7 +37,7 @@ pub fn build_rows<E: From<FieldError> + Send>(
 ) -> Result<Visibility, E> {
     let (targets, groups) = (Targets::new(inputs), Group::all(inputs));
     let unions = Mutex::new(vec![0; inputs.samples.samples.len()]);
-    stop.begin(Part::Rays, inputs.viewpoints.len() as u64);
+    stop.begin(Part::Rays, tiles.iter().map(Tile::len).sum::<usize>() as u64);
     let of_tile = |tile: &Tile| {
         let reach = Reach::of(&tile.bounds, inputs.reach_m(), &groups);
         let (mut union, mut bits, mut rows) = (reach.masks(), reach.row(), SegmentRows::default());

@@ -66,10 +66,6 @@ impl Strip {
         &self.sites
     }
 
-    pub fn stretches(&self) -> &[Stretch] {
-        &self.stretches
-    }
-
     pub fn is_open(&self) -> bool {
         self.is_open
     }
@@ -78,10 +74,6 @@ impl Strip {
     pub fn column(&self, y: i64) -> Range<usize> {
         let first = self.sites.partition_point(|site| site.cell[1] < y);
         first..first + self.sites[first..].partition_point(|site| site.cell[1] == y)
-    }
-
-    fn has_cells_of(&self, other: &Self) -> bool {
-        std::ptr::eq(self, other) || self.sites.iter().map(|site| site.cell).eq(other.sites.iter().map(|site| site.cell))
     }
 }
 
@@ -109,12 +101,6 @@ impl Viewpoints {
 
     pub fn sites(&self) -> impl Iterator<Item = &Site> {
         self.strips.iter().flat_map(|strip| strip.sites.iter())
-    }
-
-    /// Whether they lie in the same cells as others.
-    pub fn has_cells_of(&self, other: &Self) -> bool {
-        self.strips.len() == other.strips.len()
-            && self.strips.iter().zip(&other.strips).all(|(strip, other)| strip.has_cells_of(other))
     }
 
     /// All tiles that have viewpoints, by their keys.

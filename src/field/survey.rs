@@ -80,7 +80,6 @@ pub struct Footing {
     pub(crate) outlines: Outlines,
     pub(crate) samples: Samples,
     pub(crate) sites: Vec<Arc<Strip>>,
-    viewpoints: Viewpoints,
     tiles: Vec<Tile>,
     unions: Vec<Mask>,
 }
@@ -133,7 +132,6 @@ impl Survey {
             outlines: &self.outlines,
             free: &self.free,
             samples: &self.samples,
-            viewpoints: &self.viewpoints,
             disks: &self.disks,
             facts: self.facts,
             offset_m: self.offset_m,
@@ -174,7 +172,10 @@ impl Findings {
     pub fn snapshot(self, field: Arc<dyn FieldStorage>) -> Result<Snapshot, FieldError> {
         let Self { survey, tiles, visibility: Visibility { unions, .. }, seen } = self;
         let table = FieldTable::open(field.blocks(), field.segments())?;
-        let same = survey.earlier.as_ref().filter(|(earlier, _)| earlier.footing.viewpoints.has_cells_of(&survey.viewpoints));
+        let has_cells_of = |before: &[Tile]| {
+            tiles.len() == before.len() && tiles.iter().zip(before).all(|(tile, before)| tile.has_cells_of(before))
+        };
+        let same = survey.earlier.as_ref().filter(|(earlier, _)| has_cells_of(&earlier.footing.tiles));
         let lookup = match same {
             Some((earlier, _)) => Arc::clone(&earlier.lookup),
             None => {
@@ -182,7 +183,7 @@ impl Findings {
                 Arc::new(lookup.ok_or_else(|| FieldError::NoSurface { scene: survey.scene.name.clone() })?)
             }
         };
-        let Survey { outlines, samples, sites, viewpoints, earlier, .. } = survey;
+        let Survey { outlines, samples, sites, earlier, .. } = survey;
         let changes = earlier.zip(seen).map(|((earlier, differences), Seen { same, is_touched, exchange })| {
             Arc::new(Changes { since: earlier.revision, differences, exchange, same, is_touched })
         });
@@ -193,7 +194,7 @@ impl Findings {
             disks: survey.disks,
             lookup,
             offset_m: survey.offset_m,
-            footing: Arc::new(Footing { outlines, samples, sites, viewpoints, tiles, unions }),
+            footing: Arc::new(Footing { outlines, samples, sites, tiles, unions }),
             changes,
             field,
         })

@@ -375,6 +375,8 @@ pub struct DaemonSettings {
     pub max_scene_mb: u64,
     /// Worker threads; 0 takes as many as there are cores.
     pub threads: u32,
+    /// Each worker thread stays on a processor of its own, where the daemon may use as many processors as it has threads (Linux).
+    pub pin_threads: bool,
     /// Niceness that searches add to that of the process, 0 to 19 (Linux), once the first safe plan after an edit is out.
     pub search_nice: i32,
 }

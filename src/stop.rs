@@ -53,6 +53,11 @@ struct Clock(Arc<dyn Fn() -> f64 + Send + Sync>);
 const STOPPED: u8 = 1;
 const ABANDONED: u8 = 2;
 
+/// Frees what lies in very many pieces of memory behind whoever waits for the end of a computation: that takes milliseconds in a city.
+pub fn free_behind(pieces: impl Send + 'static) {
+    rayon::spawn(move || drop(pieces));
+}
+
 impl Counted {
     /// How many steps of how many are done, as they are told: bytes in thousands.
     pub fn told(self) -> [u64; 2] {

@@ -21,7 +21,7 @@ use super::scenes::{Cause, Queued, Search, Slot};
 use super::threads::{self, SearchPools};
 use super::wake::Mail;
 use crate::planner::StopToken;
-use crate::settings::Settings;
+use crate::settings::{DaemonSettings, Settings};
 
 /// How long running work may take to notice that the daemon ends.
 const LAST_WORDS: Duration = Duration::from_secs(2);
@@ -226,12 +226,17 @@ impl Daemon {
         };
         let settings = configuration::read(path).map_err(|error: ConfigurationError| refused(error.to_string()))?;
         let settings = settings.with_sight(self.settings.coverage.sight_scale);
-        let threads = |settings: &Settings| (settings.daemon.threads, settings.daemon.search_nice);
+        let threads = |settings: &Settings| {
+            let DaemonSettings { threads, pin_threads, search_nice, .. } = settings.daemon;
+            (threads, pin_threads, search_nice)
+        };
         if threads(&settings) != threads(&self.settings) {
+            let (threads, pin_threads, search_nice) = threads(&settings);
             tracing::warn!(
-                threads = settings.daemon.threads,
-                search_nice = settings.daemon.search_nice,
-                "the threads and their niceness cannot change while the daemon runs: restart it for that"
+                threads,
+                pin_threads,
+                search_nice,
+                "the threads, their cores and their niceness cannot change while the daemon runs: restart it for that"
             );
         }
         if settings.daemon.domain != self.settings.daemon.domain {

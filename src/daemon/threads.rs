@@ -4,6 +4,8 @@ use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
+#[cfg(target_os = "linux")]
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 use super::DaemonError;
 use crate::settings::DaemonSettings;
@@ -12,11 +14,32 @@ use crate::settings::DaemonSettings;
 pub fn start_pool(settings: &DaemonSettings) -> Result<(), DaemonError> {
     let failed =
         |error: rayon::ThreadPoolBuildError| DaemonError::System { what: "the worker threads", cause: error.to_string() };
-    builder("core", settings.threads).build_global().map_err(failed)
+    Placing { threads: settings.threads, is_pinned: settings.pin_threads, nice: 0 }.builder("core").build_global().map_err(failed)
 }
 
-fn builder(name: &'static str, threads: u32) -> ThreadPoolBuilder {
-    ThreadPoolBuilder::new().num_threads(threads as usize).thread_name(move |index| format!("{name}-{index}"))
+/// How the threads of a pool are placed on the processors of the computer.
+#[derive(Clone, Copy, Debug)]
+struct Placing {
+    threads: u32,
+    /// Each thread stays on a processor of its own, where there are as many of them.
+    is_pinned: bool,
+    /// Added to the niceness of the process.
+    nice: i32,
+}
+
+impl Placing {
+    fn builder(self, name: &'static str) -> ThreadPoolBuilder {
+        let start = move |index| {
+            if self.is_pinned {
+                stay_on_one(index, rayon::current_num_threads());
+            }
+            if self.nice > 0 {
+                stand_back(self.nice);
+            }
+        };
+        let threads = self.threads as usize;
+        ThreadPoolBuilder::new().num_threads(threads).thread_name(move |index| format!("{name}-{index}")).start_handler(start)
+    }
 }
 
 /// Threads for searches after an edit. The next edit that comes meanwhile is dealt with before them, and whatever else runs on the computer comes first too: a search is
@@ -24,22 +47,21 @@ fn builder(name: &'static str, threads: u32) -> ThreadPoolBuilder {
 /// take up all of another one meanwhile.
 #[derive(Debug)]
 pub struct SearchPools {
-    threads: u32,
-    nice: i32,
+    placing: Placing,
     idle: Mutex<Vec<ThreadPool>>,
 }
 
 impl SearchPools {
     pub fn new(settings: &DaemonSettings) -> Arc<Self> {
-        Arc::new(Self { threads: settings.threads, nice: settings.search_nice, idle: Mutex::default() })
+        let placing = Placing { threads: settings.threads, is_pinned: settings.pin_threads, nice: settings.search_nice };
+        Arc::new(Self { placing, idle: Mutex::default() })
     }
 
     /// A pool for one search; `None` where no threads can be started for it.
     pub fn take(&self) -> Option<SearchPool<'_>> {
         let idle = self.idle().pop();
         let start = || {
-            let nice = self.nice;
-            let pool = builder("search", self.threads).start_handler(move |_| stand_back(nice)).build();
+            let pool = self.placing.builder("search").build();
             pool.inspect_err(|error| tracing::warn!(%error, "a search has no threads of its own")).ok()
         };
         idle.or_else(start).map(|pool| SearchPool { pools: self, pool: Some(pool) })
@@ -71,6 +93,26 @@ impl Drop for SearchPool<'_> {
     }
 }
 
+/// Lets thread `index` of so many stay on a processor of its own. Left to itself, Linux starts a thread where the one runs that wakes it, and where the other processor is
+/// busy just then, it lets one wait behind the other for its whole turn, several milliseconds: as long as an update takes.
+#[cfg(target_os = "linux")]
+fn stay_on_one(index: usize, threads: usize) {
+    let moved = sched_getaffinity(None).and_then(|allowed| {
+        let mut processors = (0..CpuSet::MAX_CPU).filter(|&processor| allowed.is_set(processor));
+        // With processors to spare no thread has to wait for another, and whatever is busy is left alone.
+        let Some(own) = processors.nth(index).filter(|_| allowed.count() as usize == threads) else { return Ok(()) };
+        let mut only = CpuSet::new();
+        only.set(own);
+        sched_setaffinity(None, &only)
+    });
+    if let Err(error) = moved {
+        tracing::debug!(%error, index, "a worker thread has no processor of its own");
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn stay_on_one(_index: usize, _threads: usize) {}
+
 /// Lets this thread stand back behind others of the computer.
 #[cfg(target_os = "linux")]
 fn stand_back(nice: i32) {
@@ -91,6 +133,22 @@ mod tests {
 
     fn pools(search_nice: i32) -> Arc<SearchPools> {
         SearchPools::new(&DaemonSettings { threads: 2, search_nice, ..Settings::default().daemon })
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn threads_have_a_processor_each_where_there_are_as_many() {
+        let allowed = sched_getaffinity(None).unwrap();
+        let processors = allowed.count();
+        let of_threads = |threads: u32, is_pinned: bool| {
+            let pool = Placing { threads, is_pinned, nice: 0 }.builder("placed").build().unwrap();
+            pool.broadcast(|_| sched_getaffinity(None).unwrap())
+        };
+        let pinned = of_threads(processors, true);
+        assert!(pinned.iter().all(|own| own.count() == 1));
+        let is_on = |processor: &usize| pinned.iter().any(|own| own.is_set(*processor));
+        assert_eq!((0..CpuSet::MAX_CPU).filter(is_on).count() as u32, processors, "each has another one");
+        assert!(of_threads(processors + 1, true).iter().chain(&of_threads(processors, false)).all(|own| *own == allowed));
     }
 
     #[test]

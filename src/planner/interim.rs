@@ -6,6 +6,7 @@ use crate::camera::Pose;
 use crate::refine::{Confirmed, Worth};
 use crate::search::Outcome;
 use crate::search::leg::headed;
+use crate::stop::free_behind;
 use crate::trajectory::evaluate::Capture;
 use crate::trajectory::plan::StopReason;
 use crate::trajectory::record::Record;
@@ -32,6 +33,13 @@ struct Standing {
     duration_s: f64,
     /// Eq. 6.
     objective: f64,
+}
+
+/// A record is as many pieces of memory as the field has samples.
+impl Drop for Interim<'_> {
+    fn drop(&mut self) {
+        free_behind(self.looked.take());
+    }
 }
 
 impl<'i> Interim<'i> {

@@ -14,7 +14,7 @@ use crate::coverage::{Bearing, Information, Mask, Matching};
 use crate::search::Problem;
 use crate::search::leg::image_poses;
 use crate::settings::{RefineSettings, Settings};
-use crate::stop::StopToken;
+use crate::stop::{StopToken, free_behind};
 use crate::trajectory::profile::Limits;
 
 /// Rows of the field that a worker takes at once, at least.
@@ -57,11 +57,10 @@ pub struct Ground<'a> {
     pub stop: StopToken,
 }
 
-/// A city's rows are a hundred thousand pieces of memory: whoever waits for the end of a search does not wait until all of them are free.
+/// A city's rows are a hundred thousand pieces of memory.
 impl Drop for Ground<'_> {
     fn drop(&mut self) {
-        let pieces = (std::mem::take(&mut self.rows), std::mem::take(&mut self.seers));
-        rayon::spawn(move || drop(pieces));
+        free_behind((std::mem::take(&mut self.rows), std::mem::take(&mut self.seers)));
     }
 }
 
@@ -138,7 +137,9 @@ impl<'a> Ground<'a> {
         };
         ground.survey();
         ground.most_of_all = ground.most;
-        ground.captured_information = ground.counts().cells.totals().information;
+        if !stop.is_abandoned() {
+            ground.captured_information = ground.counts().cells.totals().information;
+        }
         ground
     }
 
@@ -188,7 +189,9 @@ impl<'a> Ground<'a> {
         for (j, row) in (0..).zip(&self.rows).take_while(|_| !self.stop.is_abandoned()) {
             row.samples.iter().for_each(|&i| self.seers[i as usize].push(j));
         }
-        self.most = self.counts().most();
+        if !self.stop.is_abandoned() {
+            self.most = self.counts().most();
+        }
     }
 
     /// Counters of what was captured before the flight.

@@ -107,6 +107,10 @@ pub fn refine(
     let stop = &ground.stop;
     let levels = if is_resumed { Levels::fine(ground) } else { Levels::new(ground, aim) };
     let mut level = 0;
+    if stop.is_abandoned() {
+        // Nobody looks at it any more.
+        return Outcome { path: path.to_vec(), convergence: Vec::new(), stop: StopReason::Cancelled };
+    }
     let mut annealing = Annealing::new(levels.ground(level), path, aim, seed);
     let mut convergence: Vec<Iteration> = Vec::new();
     let mut rounds = match budget {

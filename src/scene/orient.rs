@@ -18,13 +18,12 @@ const LEAST_VOLUME_M3: f64 = 1e-6;
 /// Turns the faces of each closed body outwards; a body whose only opening is its floor counts as closed. Other bodies keep their
 /// faces as they are. Returns how many triangles were turned.
 pub(crate) fn turn_outwards(triangles: &mut [Triangle]) -> usize {
-    let corners = weld(triangles);
-    let edges = edges(&corners);
-    let mut visited = vec![false; triangles.len()];
+    let edges = Edges::new(&weld(triangles));
+    let mut flips = vec![None; triangles.len()];
     let mut turned = 0;
     for seed in 0..triangles.len() {
-        if !visited[seed] {
-            turned += turn_body(seed, triangles, &corners, &edges, &mut visited);
+        if flips[seed].is_none() {
+            turned += turn_body(seed, triangles, &edges, &mut flips);
         }
     }
     turned
@@ -62,7 +61,8 @@ fn root(roots: &mut [usize], mut vertex: usize) -> usize {
 
 /// The corners of the triangles by number, the same number for corners at one place.
 pub(crate) fn weld(triangles: &[Triangle]) -> Vec<[usize; 3]> {
-    let mut numbers: HashMap<[i64; 3], usize> = HashMap::new();
+    // A closed mesh has half as many vertices as triangles.
+    let mut numbers: HashMap<[i64; 3], usize> = HashMap::with_capacity(triangles.len());
     let mut number = |point: &Point3<f64>| {
         let next = numbers.len();
         let cell = [point.x, point.y, point.z].map(|metres| (metres / WELD_M).round() as i64);
@@ -71,54 +71,78 @@ pub(crate) fn weld(triangles: &[Triangle]) -> Vec<[usize; 3]> {
     triangles.iter().map(|triangle| [number(&triangle[0]), number(&triangle[1]), number(&triangle[2])]).collect()
 }
 
-/// The triangles at each edge (lower vertex first), with whether they run along it from lower to higher.
-type Edges = HashMap<[usize; 2], Vec<(usize, bool)>>;
+/// A triangle at an edge, and whether it runs along it from the lower vertex to the higher.
+#[derive(Clone, Copy)]
+struct Side {
+    triangle: usize,
+    upwards: bool,
+}
 
-fn edges(corners: &[[usize; 3]]) -> Edges {
-    let mut edges = Edges::with_capacity(corners.len() * 3 / 2);
-    for (index, corner) in corners.iter().enumerate() {
-        for (key, upwards) in sides(corner) {
-            edges.entry(key).or_default().push((index, upwards));
+/// Which triangles meet at which edges.
+struct Edges {
+    /// By triangle the edges of its sides.
+    of: Vec<[usize; 3]>,
+    /// By edge where its triangles begin in `sides`; behind the last edge the end.
+    first: Vec<usize>,
+    sides: Vec<Side>,
+}
+
+impl Edges {
+    fn new(corners: &[[usize; 3]]) -> Self {
+        let ends = |number: usize| [corners[number / 3][number % 3], corners[number / 3][(number + 1) % 3]].map(|end| end as u32);
+        // Sides are numbered through all triangles, and come in their order at each edge.
+        let of_side = |number: usize| {
+            let [from, to] = ends(number);
+            ([from.min(to), from.max(to)], number as u32)
+        };
+        let mut all: Vec<([u32; 2], u32)> = (0..3 * corners.len()).map(of_side).collect();
+        all.sort_unstable();
+        let (mut of, mut first) = (vec![[0; 3]; corners.len()], vec![0]);
+        for edge in all.chunk_by(|(one, _), (other, _)| one == other) {
+            edge.iter().for_each(|&(_, number)| of[number as usize / 3][number as usize % 3] = first.len() - 1);
+            first.push(first.last().map_or(0, |first| first + edge.len()));
         }
+        let side = |(_, number): ([u32; 2], u32)| {
+            let [from, to] = ends(number as usize);
+            Side { triangle: number as usize / 3, upwards: from < to }
+        };
+        Self { of, first, sides: all.into_iter().map(side).collect() }
     }
-    edges
+
+    /// The triangles at a side of one of them.
+    fn at(&self, triangle: usize, side: usize) -> &[Side] {
+        let edge = self.of[triangle][side];
+        &self.sides[self.first[edge]..self.first[edge + 1]]
+    }
 }
 
-fn sides(corner: &[usize; 3]) -> [([usize; 2], bool); 3] {
-    [[0, 1], [1, 2], [2, 0]].map(|[i, j]| {
-        let (a, b) = (corner[i], corner[j]);
-        ([a.min(b), a.max(b)], a < b)
-    })
-}
-
-/// Works on the body of `seed`: the triangles reached over edges that exactly two share.
-fn turn_body(seed: usize, triangles: &mut [Triangle], corners: &[[usize; 3]], edges: &Edges, visited: &mut [bool]) -> usize {
-    let mut flips: HashMap<usize, bool> = HashMap::from([(seed, false)]);
+/// Works on the body of `seed`: the triangles reached over edges that exactly two share. `flips` says of those that were reached whether they look the other
+/// way than the first one of their body.
+fn turn_body(seed: usize, triangles: &mut [Triangle], edges: &Edges, flips: &mut [Option<bool>]) -> usize {
     let mut body = vec![seed];
     let mut consistent = true;
-    visited[seed] = true;
+    flips[seed] = Some(false);
     let mut next = 0;
     while let Some(&triangle) = body.get(next) {
         next += 1;
-        for (key, upwards) in sides(&corners[triangle]) {
-            let [(a, _), (b, _)] = edges[&key][..] else { continue };
-            let other = if a == triangle { b } else { a };
-            let other_upwards = edges[&key].iter().find(|(index, _)| *index == other).is_some_and(|(_, upwards)| *upwards);
-            let flip = flips[&triangle] ^ (upwards == other_upwards);
-            match flips.get(&other) {
-                Some(known) => consistent &= *known == flip || other == triangle,
+        for side in 0..3 {
+            let &[a, b] = edges.at(triangle, side) else { continue };
+            let (own, other) = if a.triangle == triangle { (a, b) } else { (b, a) };
+            let flip = (flips[triangle] == Some(true)) ^ (own.upwards == other.upwards);
+            match flips[other.triangle] {
+                Some(known) => consistent &= known == flip || other.triangle == triangle,
                 None => {
-                    flips.insert(other, flip);
-                    visited[other] = true;
-                    body.push(other);
+                    flips[other.triangle] = Some(flip);
+                    body.push(other.triangle);
                 }
             }
         }
     }
-    if !consistent || !closed_above_floor(&body, triangles, corners, edges) {
+    if !consistent || !closed_above_floor(&body, triangles, edges) {
         return 0;
     }
-    let volume_m3 = signed_volume(&body, triangles, &flips);
+    let is_flipped = |index: usize| flips[index] == Some(true);
+    let volume_m3 = signed_volume(&body, triangles, is_flipped);
     // A level sheet is no body.
     if volume_m3.abs() < LEAST_VOLUME_M3 {
         return 0;
@@ -126,7 +150,7 @@ fn turn_body(seed: usize, triangles: &mut [Triangle], corners: &[[usize; 3]], ed
     let inside_out = volume_m3 < 0.0;
     let mut turned = 0;
     for index in body {
-        if flips[&index] != inside_out {
+        if is_flipped(index) != inside_out {
             triangles[index].swap(1, 2);
             turned += 1;
         }
@@ -134,24 +158,24 @@ fn turn_body(seed: usize, triangles: &mut [Triangle], corners: &[[usize; 3]], ed
     turned
 }
 
-fn closed_above_floor(body: &[usize], triangles: &[Triangle], corners: &[[usize; 3]], edges: &Edges) -> bool {
+fn closed_above_floor(body: &[usize], triangles: &[Triangle], edges: &Edges) -> bool {
     let lowest_m = lowest(body, triangles);
     body.iter().all(|&index| {
-        sides(&corners[index]).iter().enumerate().all(|(side, (key, _))| {
+        (0..3).all(|side| {
             let ends = [triangles[index][side], triangles[index][(side + 1) % 3]];
-            edges[key].len().is_multiple_of(2) || ends.iter().all(|end| end.z < lowest_m + FLOOR_M)
+            edges.at(index, side).len().is_multiple_of(2) || ends.iter().all(|end| end.z < lowest_m + FLOOR_M)
         })
     })
 }
 
 /// About a point of the floor's plane, so that a missing floor takes nothing away.
-fn signed_volume(body: &[usize], triangles: &[Triangle], flips: &HashMap<usize, bool>) -> f64 {
+fn signed_volume(body: &[usize], triangles: &[Triangle], is_flipped: impl Fn(usize) -> bool) -> f64 {
     let first = triangles[body[0]][0];
     let origin = Point3::new(first.x, first.y, lowest(body, triangles));
-    let volume = |index: &usize| {
-        let [a, b, c] = triangles[*index].map(|corner| corner - origin);
+    let volume = |&index: &usize| {
+        let [a, b, c] = triangles[index].map(|corner| corner - origin);
         let volume = a.dot(&b.cross(&c)) / 6.0;
-        if flips[index] { -volume } else { volume }
+        if is_flipped(index) { -volume } else { volume }
     };
     body.iter().map(volume).sum()
 }

@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 use geo::{Coord, Intersects, Polygon};
 use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::{FieldTable, Row};
+use rayon::prelude::*;
 
 use super::captured::{self, Captured};
 use super::cover::{Cover, Places};
@@ -422,5 +423,5 @@ fn most_of_image(field: &FieldTable, disks: &DiskModel) -> Information {
 }
 
 fn frames(field: &FieldTable) -> Vec<SampleFrame> {
-    field.samples.iter().map(|row| SampleFrame::new(row.position_m.into(), row.normal.into())).collect()
+    field.samples.par_iter().map(|row| SampleFrame::new(row.position_m.into(), row.normal.into())).collect()
 }

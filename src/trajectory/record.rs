@@ -19,7 +19,7 @@ use crate::scene::Bounds;
 use crate::scene::clearance::Exchange;
 use crate::search::Problem;
 use crate::search::reach::Reach;
-use crate::stop::StopToken;
+use crate::stop::{StopToken, free_behind};
 
 /// Boxes and distances are taken for so much larger, m, that rounding decides nothing.
 const SLACK_M: f64 = 1e-3;
@@ -87,7 +87,7 @@ impl Record {
     pub fn after(self, snapshot: &Snapshot, problem: &Problem, images: &[Image], stop: &StopToken) -> Option<Self> {
         match snapshot.changes() {
             Some(changes) if self.reach_before(snapshot, &problem.rig, problem.disks.range_m()).is_some() => {
-                (!stop.is_abandoned()).then(|| self.followed(snapshot, problem, images, Some(changes)))
+                self.followed(snapshot, problem, images, Some(changes), stop)
             }
             _ => Self::new(snapshot, problem, images, stop),
         }
@@ -95,11 +95,21 @@ impl Record {
 
     /// The record of another flight of the same problem. `None` when abandoned.
     pub fn beside(self, snapshot: &Snapshot, problem: &Problem, images: &[Image], stop: &StopToken) -> Option<Self> {
-        (!stop.is_abandoned()).then(|| self.followed(snapshot, problem, images, None))
+        self.followed(snapshot, problem, images, None, stop)
     }
 
-    /// Without changes in the field that the record belongs to.
-    fn followed(self, snapshot: &Snapshot, problem: &Problem, images: &[Image], changes: Option<&Changes>) -> Self {
+    /// Without changes in the field that the record belongs to. `None` when abandoned.
+    fn followed(
+        self,
+        snapshot: &Snapshot,
+        problem: &Problem,
+        images: &[Image],
+        changes: Option<&Changes>,
+        stop: &StopToken,
+    ) -> Option<Self> {
+        if stop.is_abandoned() {
+            return None;
+        }
         let Self { rig, range_m, images: mut slots, sightings: Sightings(mut before), tally: counted, .. } = self;
         let cast = Recast::new(snapshot, problem, images, &mut slots, changes);
         let samples = problem.frames.len();
@@ -117,13 +127,19 @@ impl Record {
         });
         let mut lists: Vec<(Option<bool>, Vec<Sighting>)> = lists.collect();
         let counts = lists.par_iter_mut().enumerate().with_min_len(LEAST_SAMPLES).map(|(i, (is_counted, list))| {
+            if stop.is_abandoned() {
+                return None;
+            }
             let is_as_before = match is_counted {
                 None => cast.anew(i, list),
                 Some(_) => cast.again(i, list),
             };
-            (!is_as_before || *is_counted != Some(true)).then(|| Tally::of_sample(problem, i, list.iter()))
+            Some((!is_as_before || *is_counted != Some(true)).then(|| Tally::of_sample(problem, i, list.iter())))
         });
-        let counts: Vec<_> = counts.collect();
+        let Some(counts) = counts.collect::<Option<Vec<_>>>() else {
+            free_behind(lists);
+            return None;
+        };
         for (i, count) in counts.into_iter().enumerate() {
             if let Some((cells, is_matched)) = count {
                 (tally.cells[i], tally.is_matched[i]) = (cells, is_matched);
@@ -132,7 +148,7 @@ impl Record {
         tally.is_matchable.clone_from(&problem.matchable);
         tally.is_captured = Tally::captured(problem);
         let cameras = rig.camera_count().min(images.len());
-        Self {
+        Some(Self {
             revision: snapshot.revision,
             range_m,
             reach: problem.reach.clone(),
@@ -142,7 +158,7 @@ impl Record {
             tally,
             rig,
             flight: None,
-        }
+        })
     }
 
     /// What all images capture together.

@@ -14,31 +14,38 @@ use crate::settings::DaemonSettings;
 pub fn start_pool(settings: &DaemonSettings) -> Result<(), DaemonError> {
     let failed =
         |error: rayon::ThreadPoolBuildError| DaemonError::System { what: "the worker threads", cause: error.to_string() };
-    Placing { threads: settings.threads, is_pinned: settings.pin_threads, nice: 0 }.builder("core").build_global().map_err(failed)
+    Placing::new(settings, 0).builder("core").build_global().map_err(failed)
 }
 
 /// How the threads of a pool are placed on the processors of the computer.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Placing {
     threads: u32,
-    /// Each thread stays on a processor of its own, where there are as many of them.
-    is_pinned: bool,
+    /// The processors that the daemon may use, where each thread is to stay on one of its own.
+    processors: Vec<usize>,
     /// Added to the niceness of the process.
     nice: i32,
 }
 
 impl Placing {
-    fn builder(self, name: &'static str) -> ThreadPoolBuilder {
-        let start = move |index| {
-            if self.is_pinned {
-                stay_on_one(index, rayon::current_num_threads());
+    /// To be called on a thread that may use all processors that the daemon may.
+    fn new(settings: &DaemonSettings, nice: i32) -> Self {
+        Self { threads: settings.threads, processors: if settings.pin_threads { processors() } else { Vec::new() }, nice }
+    }
+
+    fn builder(&self, name: &'static str) -> ThreadPoolBuilder {
+        let Self { threads, processors, nice } = self.clone();
+        let start = move |index: usize| {
+            // With processors to spare no thread has to wait for another, and whatever else is busy on one of them is left alone.
+            if processors.len() == rayon::current_num_threads() {
+                stay_on(processors[index]);
             }
-            if self.nice > 0 {
-                stand_back(self.nice);
+            if nice > 0 {
+                stand_back(nice);
             }
         };
-        let threads = self.threads as usize;
-        ThreadPoolBuilder::new().num_threads(threads).thread_name(move |index| format!("{name}-{index}")).start_handler(start)
+        let name = move |index| format!("{name}-{index}");
+        ThreadPoolBuilder::new().num_threads(threads as usize).thread_name(name).start_handler(start)
     }
 }
 
@@ -53,8 +60,7 @@ pub struct SearchPools {
 
 impl SearchPools {
     pub fn new(settings: &DaemonSettings) -> Arc<Self> {
-        let placing = Placing { threads: settings.threads, is_pinned: settings.pin_threads, nice: settings.search_nice };
-        Arc::new(Self { placing, idle: Mutex::default() })
+        Arc::new(Self { placing: Placing::new(settings, settings.search_nice), idle: Mutex::default() })
     }
 
     /// A pool for one search; `None` where no threads can be started for it.
@@ -93,25 +99,31 @@ impl Drop for SearchPool<'_> {
     }
 }
 
-/// Lets thread `index` of so many stay on a processor of its own. Left to itself, Linux starts a thread where the one runs that wakes it, and where the other processor is
-/// busy just then, it lets one wait behind the other for its whole turn, several milliseconds: as long as an update takes.
+/// The processors that this thread may use.
 #[cfg(target_os = "linux")]
-fn stay_on_one(index: usize, threads: usize) {
-    let moved = sched_getaffinity(None).and_then(|allowed| {
-        let mut processors = (0..CpuSet::MAX_CPU).filter(|&processor| allowed.is_set(processor));
-        // With processors to spare no thread has to wait for another, and whatever is busy is left alone.
-        let Some(own) = processors.nth(index).filter(|_| allowed.count() as usize == threads) else { return Ok(()) };
-        let mut only = CpuSet::new();
-        only.set(own);
-        sched_setaffinity(None, &only)
-    });
-    if let Err(error) = moved {
-        tracing::debug!(%error, index, "a worker thread has no processor of its own");
+fn processors() -> Vec<usize> {
+    let allowed = sched_getaffinity(None).inspect_err(|error| tracing::debug!(%error, "worker threads are not placed"));
+    allowed.map_or(Vec::new(), |allowed| (0..CpuSet::MAX_CPU).filter(|&processor| allowed.is_set(processor)).collect())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn processors() -> Vec<usize> {
+    Vec::new()
+}
+
+/// Lets this thread stay on a processor. Left to itself, Linux starts a thread where the one runs that wakes it, and where the other processor is busy just
+/// then, it lets one wait behind the other for its whole turn, several milliseconds: as long as an update takes.
+#[cfg(target_os = "linux")]
+fn stay_on(processor: usize) {
+    let mut only = CpuSet::new();
+    only.set(processor);
+    if let Err(error) = sched_setaffinity(None, &only) {
+        tracing::debug!(%error, processor, "a worker thread has no processor of its own");
     }
 }
 
 #[cfg(not(target_os = "linux"))]
-fn stay_on_one(_index: usize, _threads: usize) {}
+fn stay_on(_processor: usize) {}
 
 /// Lets this thread stand back behind others of the computer.
 #[cfg(target_os = "linux")]
@@ -140,14 +152,21 @@ mod tests {
     fn threads_have_a_processor_each_where_there_are_as_many() {
         let allowed = sched_getaffinity(None).unwrap();
         let processors = allowed.count();
-        let of_threads = |threads: u32, is_pinned: bool| {
-            let pool = Placing { threads, is_pinned, nice: 0 }.builder("placed").build().unwrap();
-            pool.broadcast(|_| sched_getaffinity(None).unwrap())
+        let of_threads = |threads: u32, pin_threads: bool| {
+            let placing = Placing::new(&DaemonSettings { threads, pin_threads, ..Settings::default().daemon }, 0);
+            placing.builder("placed").build().unwrap().broadcast(|_| sched_getaffinity(None).unwrap())
         };
         let pinned = of_threads(processors, true);
         assert!(pinned.iter().all(|own| own.count() == 1));
         let is_on = |processor: &usize| pinned.iter().any(|own| own.is_set(*processor));
         assert_eq!((0..CpuSet::MAX_CPU).filter(is_on).count() as u32, processors, "each has another one");
+        // Those that a pinned thread starts are not left with its processor alone.
+        let from_pinned = Placing::new(&DaemonSettings { threads: processors, ..Settings::default().daemon }, 0);
+        let of_its = std::thread::spawn(move || {
+            stay_on(from_pinned.processors[0]);
+            from_pinned.builder("placed").build().unwrap().broadcast(|_| sched_getaffinity(None).unwrap())
+        });
+        assert_eq!(of_its.join().unwrap(), pinned);
         assert!(of_threads(processors + 1, true).iter().chain(&of_threads(processors, false)).all(|own| *own == allowed));
     }
 

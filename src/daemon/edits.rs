@@ -4,6 +4,7 @@
 //! Edits that come while a field is being built are collected, and the next field is built of all of them. When that fails, they
 //! are tried one by one, so that nobody's edit fails because of somebody else's.
 
+use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::time::Instant;
 
@@ -189,15 +190,16 @@ pub fn apply(session: &Session, change: &Change) -> Result<(Session, Option<Scen
     let next = |scene: Scene| session.with_scene(scene, session.revision() + 1);
     match change {
         Change::Edits(orders) => {
-            let mut scene = Scene::clone(session.scene());
+            // A city's scene is not copied more often than it is edited.
+            let mut scene = Cow::Borrowed(session.scene().as_ref());
             for (index, order) in orders.iter().enumerate() {
                 let made = convert::edit(&scene, order).and_then(|edit| {
                     let edited = scene.edited(&edit, &session.settings().proxy);
                     edited.map_err(|error| convert::edit_refusal(&error))
                 });
-                scene = made.map_err(|refusal| refusal.of_edit(index, orders.len()))?.0;
+                scene = Cow::Owned(made.map_err(|refusal| refusal.of_edit(index, orders.len()))?.0);
             }
-            Ok((next(scene), None))
+            Ok((next(scene.into_owned()), None))
         }
         Change::Update(version) => {
             let updated = session.scene().updated(&version.scene);

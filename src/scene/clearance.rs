@@ -60,7 +60,7 @@ impl Clearance {
         let early = before.early.moved(&now);
         let mut is_late = vec![true; bodies.len()];
         early.structures().for_each(|place| is_late[place] = false);
-        let late: Vec<u32> = with_triangles(&bodies).filter(|&place| is_late[place as usize]).collect();
+        let late: Vec<u32> = with_triangles(&bodies, |place| is_late[place]).collect();
         if (late.len() + early.gone()) * SHARE_KEPT > bodies.len() {
             return Self::of_bodies(bodies);
         }
@@ -85,7 +85,7 @@ impl Clearance {
     }
 
     fn of_bodies(bodies: Vec<Arc<Body>>) -> Self {
-        let early = group(&bodies, with_triangles(&bodies).collect());
+        let early = group(&bodies, with_triangles(&bodies, |_| true).collect());
         Self { early, late: group(&bodies, Vec::new()), bodies }
     }
 
@@ -195,9 +195,10 @@ fn group(bodies: &[Arc<Body>], places: Vec<u32>) -> Group {
     Group::of(places, |place| &bodies[place].hierarchy)
 }
 
-/// The places of the structures that have triangles.
-fn with_triangles(bodies: &[Arc<Body>]) -> impl Iterator<Item = u32> {
-    bodies.iter().zip(0..).filter(|(body, _)| !body.triangles.is_empty()).map(|(_, place)| place)
+/// The places of the structures that have triangles; no other than those at the places asked for is looked at.
+fn with_triangles(bodies: &[Arc<Body>], is_asked: impl Fn(usize) -> bool) -> impl Iterator<Item = u32> {
+    let places = (0..bodies.len()).filter(move |&place| is_asked(place) && !bodies[place].triangles.is_empty());
+    places.map(|place| place as u32)
 }
 
 /// The surfaces that only one of two scenes has: what they hide tells which lines of sight have to be looked at again.

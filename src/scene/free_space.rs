@@ -84,8 +84,11 @@ impl FreeSpace {
         let solid = |(structure, kept): (&Arc<Structure>, &Option<usize>)| {
             kept.map_or_else(|| Solid::new(structure), |old| before.solids[old].clone())
         };
-        let solids = scene.structures.iter().zip(&differences.kept).map(solid).collect();
-        Self::with_clearance(scene, settings, solids, Clearance::after(&before.clearance, scene, differences))
+        let (solids, clearance) = rayon::join(
+            || scene.structures.iter().zip(&differences.kept).map(solid).collect(),
+            || Clearance::after(&before.clearance, scene, differences),
+        );
+        Self::with_clearance(scene, settings, solids, clearance)
     }
 
     fn with_clearance(

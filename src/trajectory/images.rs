@@ -39,6 +39,7 @@ pub fn expose(route: &Route, rig: &Rig, profile: &Profile) -> Exposed {
     let mut last = None;
     let passings = route.exposures.par_iter().with_min_len(LEAST_EXPOSURES);
     let passings: Vec<Option<Passage>> = passings.map(|exposure| profile.passing(exposure.leg, exposure.flown_m)).collect();
+    exposed.images.reserve(passings.len() * rig.camera_count());
     for (index, (exposure, planned)) in route.exposures.iter().zip(passings).enumerate() {
         let Some(planned) = planned else { continue };
         let wait_s = ready_s - planned.time_s;

@@ -9,7 +9,7 @@ use crate::camera::View;
 use crate::coverage::{Bearing, DiskModel, Information, Mask, MatchedViews, SampleFrame};
 use crate::field::Snapshot;
 use crate::search::Problem;
-use crate::stop::StopToken;
+use crate::stop::{StopToken, free_behind};
 
 /// Which images see which samples: for each sample of the field the images that see it, in their order.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,7 +65,12 @@ pub fn sightings(snapshot: &Snapshot, disks: &DiskModel, images: &[Image], stop:
         let near = strip.within(sample.position.x, disks.range_m());
         Some(caster.seen_by(&sample, &near).collect())
     });
-    rows.collect::<Option<_>>().map(Sightings)
+    let rows: Vec<Option<Vec<Sighting>>> = rows.collect();
+    if stop.is_abandoned() {
+        free_behind(rows);
+        return None;
+    }
+    rows.into_iter().collect::<Option<_>>().map(Sightings)
 }
 
 /// Places from west to east, so that a sample need not look at those of the whole town.

@@ -38,7 +38,9 @@ struct Standing {
 /// A record is as many pieces of memory as the field has samples.
 impl Drop for Interim<'_> {
     fn drop(&mut self) {
-        free_behind(self.looked.take());
+        if let Some(record) = self.looked.take() {
+            free_behind(record);
+        }
     }
 }
 

@@ -61,7 +61,7 @@ fn root(roots: &mut [usize], mut vertex: usize) -> usize {
 
 /// The corners of the triangles by number, the same number for corners at one place.
 pub(crate) fn weld(triangles: &[Triangle]) -> Vec<[usize; 3]> {
-    // A closed mesh has half as many vertices as triangles.
+    // Most meshes have fewer vertices than triangles.
     let mut numbers: HashMap<[i64; 3], usize> = HashMap::with_capacity(triangles.len());
     let mut number = |point: &Point3<f64>| {
         let next = numbers.len();
@@ -97,10 +97,11 @@ impl Edges {
         };
         let mut all: Vec<([u32; 2], u32)> = (0..3 * corners.len()).map(of_side).collect();
         all.sort_unstable();
-        let (mut of, mut first) = (vec![[0; 3]; corners.len()], vec![0]);
-        for edge in all.chunk_by(|(one, _), (other, _)| one == other) {
-            edge.iter().for_each(|&(_, number)| of[number as usize / 3][number as usize % 3] = first.len() - 1);
-            first.push(first.last().map_or(0, |first| first + edge.len()));
+        let (mut of, mut first, mut end) = (vec![[0; 3]; corners.len()], vec![0], 0);
+        for (edge, sides) in all.chunk_by(|(one, _), (other, _)| one == other).enumerate() {
+            sides.iter().for_each(|&(_, number)| of[number as usize / 3][number as usize % 3] = edge);
+            end += sides.len();
+            first.push(end);
         }
         let side = |(_, number): ([u32; 2], u32)| {
             let [from, to] = ends(number as usize);

@@ -222,11 +222,7 @@ impl Straight {
         for _ in 0..NEWTON_STEPS {
             let motion = self.part(flown_m, time_s, between_s);
             let next_s = time_s + (flown_m - motion.flown_m) / motion.speed_mps;
-            let before_s = time_s;
             time_s = if next_s > between_s[0] && next_s < between_s[1] { next_s } else { (between_s[0] + between_s[1]) / 2.0 };
-            if time_s == before_s {
-                break;
-            }
         }
         for margin in [1e-15, 1e-12] {
             for side_s in [time_s - margin * duration_s, time_s + margin * duration_s] {

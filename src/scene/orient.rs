@@ -230,6 +230,16 @@ mod tests {
     }
 
     #[test]
+    fn a_body_with_a_hole_in_its_roof_keeps_its_faces() {
+        // The faces of the roof come first.
+        let mut open = court(0.0)[1..].to_vec();
+        open[3].swap(0, 1);
+        let before = open.clone();
+        assert_eq!(turn_outwards(&mut open), 0);
+        assert_eq!(open, before);
+    }
+
+    #[test]
     fn bodies_are_told_apart() {
         let mut two = court(0.0);
         let first = two.len();

@@ -10,7 +10,7 @@ use nalgebra::Point3;
 use overfly_table::field::FieldFacts;
 
 use crate::coverage::{CELLS, DiskModel, threshold_cells};
-use crate::field::{self, Lattice, Outlines, Strip};
+use crate::field::{self, Lattice, Outlines, Strip, Tile};
 use crate::scene::Scene;
 use crate::scene::differences::Differences;
 use crate::scene::edit::{DirtyRegion, Edit, EditError};
@@ -83,8 +83,9 @@ impl Session {
         self.check_size(&free, stop)?;
         let samples = self.sampler.sample(&self.scene, stop).ok_or(FieldError::Stopped)?;
         let sites = field::sites(&free, &self.pins.lattice, stop).ok_or(FieldError::Stopped)?;
+        let tiles = field::outside(&free, &self.pins.lattice, &sites).tiles();
         let outlines = Outlines::new(&self.scene, free.zones());
-        self.surveyed(Arc::new(free), samples, sites, outlines, None, stop)
+        self.surveyed(Arc::new(free), (samples, outlines), (sites, tiles), None, stop)
     }
 
     /// The same, and a field that is the same bit for bit, from that of an earlier revision of this session: what the edits in between have not touched
@@ -106,13 +107,19 @@ impl Session {
         let Cleared { free, differences, .. } = cleared;
         let footing = &earlier.footing;
         let bounds = free.structure_bounds();
-        let (samples, sites) = rayon::join(
-            || self.sampler.sample_after(&self.scene, &differences, &footing.samples, &bounds, stop),
-            || field::sites_after(&free, &self.pins.lattice, &footing.sites, &earlier.free, &differences, stop),
-        );
-        let (samples, sites) = samples.zip(sites).ok_or(FieldError::Stopped)?;
-        let outlines = Outlines::after(&footing.outlines, &self.scene, free.zones(), &differences);
-        self.surveyed(free, samples, sites, outlines, Some((earlier.clone(), differences)), stop)
+        let lattice = &self.pins.lattice;
+        let surface = || {
+            let samples = self.sampler.sample_after(&self.scene, &differences, &footing.samples, &bounds, stop)?;
+            Some((samples, Outlines::after(&footing.outlines, &self.scene, free.zones(), &differences)))
+        };
+        let space = || {
+            let sites = field::sites_after(&free, lattice, &footing.sites, &earlier.free, &differences, stop)?;
+            let tiles = field::outside(&free, lattice, &sites).tiles();
+            Some((sites, tiles))
+        };
+        let (surface, space) = rayon::join(surface, space);
+        let (surface, space) = surface.zip(space).ok_or(FieldError::Stopped)?;
+        self.surveyed(free, surface, space, Some((earlier.clone(), differences)), stop)
     }
 
     /// The spacings are pinned, so an edit that enlarges the scene enlarges its field.
@@ -124,9 +131,8 @@ impl Session {
     fn surveyed(
         &self,
         free: Arc<FreeSpace>,
-        samples: Vec<Sample>,
-        sites: Vec<Arc<Strip>>,
-        outlines: Outlines,
+        (samples, outlines): (Vec<Sample>, Outlines),
+        (sites, tiles): (Vec<Arc<Strip>>, Vec<Tile>),
         earlier: Option<(Snapshot, Differences)>,
         stop: &StopToken,
     ) -> Result<Survey, FieldError> {
@@ -134,22 +140,21 @@ impl Session {
             return Err(FieldError::NoSurface { scene: self.scene.name.clone() });
         }
         check(stop)?;
-        let viewpoints = field::outside(&free, &self.pins.lattice, &sites);
-        if viewpoints.is_empty() {
+        if tiles.is_empty() {
             return Err(no_free_space(&self.scene, &free, &self.pins.lattice));
         }
-        check(stop)?;
+        let viewpoints = tiles.iter().map(Tile::viewpoints).sum();
         Ok(Survey {
             scene: Arc::clone(&self.scene),
             revision: self.revision,
-            counts: field::counts(&self.scene, &outlines, &free, samples.len(), viewpoints.len()),
+            counts: field::counts(&self.scene, &outlines, &free, samples.len(), viewpoints),
             outlines,
             facts: self.facts(&free),
             offset_m: self.sampler.sampling().offset_m,
             disks: Arc::clone(&self.disks),
             free,
             samples: Samples::new(samples, self.scene.structures.len()),
-            viewpoints,
+            tiles,
             sites,
             earlier,
         })

@@ -7,10 +7,14 @@ use std::sync::Arc;
 use geo::polygon;
 use nalgebra::{Point3, Vector3};
 use overfly::coverage::{DiskModel, SampleFrame};
+use overfly::planner::StopToken;
 use overfly::scene::edit::Edit;
-use overfly::scene::{BlockSettings, Scene, Shape, Structure, StructureId, Triangle, generate_block};
+use overfly::scene::{
+    BlockSettings, NoFlyZone, Scene, Shape, Structure, StructureId, TERRAIN_NAME, Terrain, Triangle, ZoneSource, generate_block,
+};
+use overfly::session::FieldError;
 use overfly::settings::Settings;
-use overfly_table::{FieldTable, Segment};
+use overfly_table::{Block, FieldTable, Segment, TableMemory};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
@@ -47,6 +51,35 @@ fn visibility_bits_and_ceilings_agree_with_every_ray_against_every_triangle() {
         assert_eq!(u32::from(field.ceilings[i]), union.count_ones(), "ceiling of sample {i}");
     }
     assert!(seen > 1000, "the test compares something: {seen} visible pairs");
+}
+
+#[test]
+fn tables_and_segments_are_written_whole_whatever_the_memory_held() {
+    let mut scene = small_block(6);
+    let terrain = Terrain::new([-80.0, -80.0], 20.0, [9, 9], (0..81).map(|k| f64::from(k % 5)).collect()).unwrap();
+    let id = scene.structures.iter().map(|structure| structure.id).max().unwrap();
+    let shape = Shape::Terrain(terrain.into());
+    scene.structures.push(Arc::new(Structure { id: StructureId(id.0 + 1), name: TERRAIN_NAME.into(), shape }));
+    let outline = polygon![(x: 70.0, y: 70.0), (x: 90.0, y: 70.0), (x: 90.0, y: 90.0)].into();
+    scene.zones.push(NoFlyZone { name: "pad".into(), outline, floor_m: 0.0, ceiling_m: 60.0, source: ZoneSource::File });
+    let session = session(scene, &small_settings());
+    let written_over = |word: u64| {
+        let held = |count: usize| vec![Block([word; 8]); count];
+        let place = |count: usize, write: &dyn Fn(&mut [Block])| {
+            let mut blocks = held(count);
+            write(&mut blocks);
+            Ok::<Arc<dyn TableMemory>, FieldError>(Arc::new(blocks))
+        };
+        let stop = StopToken::default();
+        let findings = session.survey(&stop).unwrap().build(&place, &stop).unwrap();
+        let mut table = held(findings.blocks());
+        findings.write(&mut table);
+        let segments: Vec<Vec<Block>> = findings.segments().iter().map(|segment| segment.memory().blocks().to_vec()).collect();
+        (table, segments)
+    };
+    let (table, segments) = written_over(u64::MAX);
+    assert!(table.len() > 100 && segments.len() > 1);
+    assert!((table, segments) == written_over(0x0123_4567_89ab_cdef), "something is left of what the memory held");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use overfly::search::spacing::ImageSpacing;
 use overfly::settings::Settings;
 use overfly::trajectory::images::{blur_px, expose};
 use overfly::trajectory::limits::Limits;
-use overfly::trajectory::plan::Plan;
+use overfly::trajectory::plan::{Image, Plan};
 use overfly::trajectory::profile::Profile;
 use overfly::trajectory::route::Route;
 use support::{rigs, session, small_block, small_settings, snapshot};
@@ -107,12 +107,32 @@ fn blur_is_the_way_flown_in_an_exposure_in_pixels_at_the_nearest_surface() {
     let rig = Rig::preset("phantom4-rtk").unwrap();
     let path = [0.0, 200.0].map(|x| Pose { position: Point3::new(x, 0.0, 30.0), direction: Some(direction_of(90.0, -90.0)) });
     let profile = Profile::new(&path, &rig, &flight, &dynamics);
-    let images = expose(&Route::continuous(&path, &rig, ImageSpacing::at_least(8.0)), &rig, &profile).images;
+    let exposed = expose(&Route::continuous(&path, &rig, ImageSpacing::at_least(8.0)), &rig, &profile);
     // 8 m/s for 1 ms are 8 mm; a pixel of the Phantom spans 13.2 / 5472 / 8.8 of the 30 m above the ground: 8.22 mm.
-    let over_ground = blur_px(&images, &rig, &profile, &Clearance::of_triangles(Vec::new()));
+    let over_ground = blur_px(&exposed, &rig, &Clearance::of_triangles(Vec::new()));
     assert!((over_ground - 0.008 / (30.0 * 13.2 / 5472.0 / 8.8)).abs() < 1e-9, "{over_ground}");
     let roof = [Point3::new(90.0, -9.0, 20.0), Point3::new(110.0, -9.0, 20.0), Point3::new(100.0, 9.0, 20.0)];
-    assert!((blur_px(&images, &rig, &profile, &Clearance::of_triangles(vec![roof])) / over_ground - 3.0).abs() < 0.1);
+    assert!((blur_px(&exposed, &rig, &Clearance::of_triangles(vec![roof])) / over_ground - 3.0).abs() < 0.1);
+}
+
+#[test]
+fn the_most_smeared_image_is_found_without_looking_far_from_all_others() {
+    let (settings, plans) = plans();
+    let free = snapshot(&session(small_block(5), &settings)).free;
+    for (rig, plan) in plans {
+        let rig = Rig { shutter_interval_s: 0.1, ..rig };
+        let profile = plan.profile().expect("a plan says how it was timed");
+        let exposed = expose(&Route::continuous(&plan.poses(), &rig, ImageSpacing::at_least(1.0)), &rig, &profile);
+        let smear_px = |image: &Image| {
+            let way_m = profile.at(image.time_s).unwrap().velocity_mps.norm() * rig.exposure_s;
+            let nearest_m = free.clearance.point_distance_m(&image.position_m, image.position_m.z);
+            way_m / rig.pixel_rad(image.camera as usize) / nearest_m
+        };
+        let most_px = exposed.images.iter().map(smear_px).fold(0.0, f64::max);
+        assert!(exposed.images.len() > 500 && most_px > 0.0, "{}: {} images, {most_px} px", rig.name, exposed.images.len());
+        let found_px = blur_px(&exposed, &rig, &free.clearance);
+        assert!((found_px - most_px).abs() <= 1e-9 * most_px, "{}: {found_px} px, but {most_px} px", rig.name);
+    }
 }
 
 #[test]

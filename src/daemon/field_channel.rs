@@ -129,7 +129,8 @@ impl FieldChannel {
         Ok(Arc::new(CountedSegment { file, _reservation: reservation }))
     }
 
-    /// Lends `count` zeroed blocks for a field's table, each of them backed by memory, and lets `write` fill them. May be called from a worker thread.
+    /// Lends `count` blocks for a field's table, each of them backed by memory, and lets `write` write all of them: they hold what an earlier field left
+    /// there. May be called from a worker thread.
     pub fn fill(
         &self,
         count: usize,
@@ -187,8 +188,7 @@ impl FieldChannel {
             }
         };
         memory::populate(sample.payload_mut())?;
-        sample.payload_mut().fill(std::mem::MaybeUninit::new(WireBlock(Block::ZERO)));
-        // SAFETY: every block was written just now.
+        // SAFETY: the kernel has provided every page of the mapping, zero or with what an earlier field left there.
         Ok((publisher, unsafe { sample.assume_init() }))
     }
 

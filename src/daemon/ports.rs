@@ -132,9 +132,8 @@ impl Ports {
     ) -> Result<(), String> {
         let mut sample = publisher.loan_slice_uninit(blocks).map_err(|error| error.to_string())?;
         memory::populate(sample.payload_mut()).map_err(|error| error.to_string())?;
-        sample.payload_mut().fill(std::mem::MaybeUninit::new(WireBlock(Block::ZERO)));
         *sample.user_header_mut() = header;
-        // SAFETY: every block was written just now.
+        // SAFETY: the kernel has provided every page of the mapping, zero or with what was sent from there before.
         let mut sample = unsafe { sample.assume_init() };
         fill(WireBlock::blocks_mut(sample.payload_mut()));
         sample.send().map_err(|error| error.to_string())?;

@@ -88,7 +88,7 @@ pub fn counts(scene: &Scene, outlines: &Outlines, free: &FreeSpace, samples: usi
     }
 }
 
-/// Writes the field's table into `blocks`, which are zero and as many as `counts` says; the segments are written already.
+/// Writes the field's table into `blocks`, which are as many as `counts` says; the segments are written already.
 pub fn write_table(inputs: &FieldInputs, counts: &FieldCounts, tiles: &[Tile], visibility: &Visibility, blocks: &mut [Block]) {
     let mut table = FieldTableMut::create(blocks, counts, inputs.facts);
     let viewpoints = std::mem::take(&mut table.viewpoints);
@@ -127,7 +127,7 @@ fn write_tiles(tiles: &[Tile], visibility: &Visibility, table: &mut FieldTableMu
             number: segment.memory().number(),
             first_patch: first_patch as u32,
             patches: patches.len() as u32,
-            rows: tile.len() as u32,
+            rows: tile.viewpoints() as u32,
             reserved: 0,
         };
         first_patch += patches.len();
@@ -140,7 +140,7 @@ fn write_viewpoints(tiles: &[Tile], rows: &mut [ViewpointRow]) {
     let mut number = 0;
     for tiles in tiles.chunk_by(|a, b| a.key[0] == b.key[0]) {
         let (first, rows) = rest;
-        let count: usize = tiles.iter().map(Tile::len).sum();
+        let count: usize = tiles.iter().map(Tile::viewpoints).sum();
         let (rows, after) = rows.split_at_mut(count);
         strips.push((number, tiles, first, rows));
         (number, rest) = (number + tiles.len() as u32, (first + count, after));

@@ -21,4 +21,5 @@ pub use outside::outside;
 pub use rows::Place;
 pub use strips::{Strip, Viewpoints};
 pub use survey::{Changes, Cleared, FieldError, FieldStorage, Findings, HeapField, Snapshot, Survey};
+pub use tiles::Tile;
 pub use viewpoints::{Cell, Lattice, Site, Viewpoint, cells, choose_spacing_m, fill, sites, sites_after};

@@ -26,6 +26,8 @@ pub struct Visibility {
     pub patches: Vec<Vec<u32>>,
     /// What all viewpoints together cover of each sample.
     pub unions: Vec<Mask>,
+    /// The samples with the axes of their hemispheres.
+    pub frames: Vec<SampleFrame>,
 }
 
 /// Algorithm 1: for each viewpoint c_j, for each sample s_i, whether s_i is visible to c_j. Parallel over tiles.
@@ -37,7 +39,7 @@ pub fn build_rows<E: From<FieldError> + Send>(
 ) -> Result<Visibility, E> {
     let (targets, groups) = (Targets::new(inputs), Group::all(inputs));
     let unions = Mutex::new(vec![0; inputs.samples.samples.len()]);
-    stop.begin(Part::Rays, tiles.iter().map(Tile::len).sum::<usize>() as u64);
+    stop.begin(Part::Rays, tiles.iter().map(Tile::viewpoints).sum::<usize>() as u64);
     let of_tile = |tile: &Tile| {
         let reach = Reach::of(&tile.bounds, inputs.reach_m(), &groups);
         let (mut union, mut bits, mut rows) = (reach.masks(), reach.row(), SegmentRows::default());
@@ -59,7 +61,8 @@ pub fn build_rows<E: From<FieldError> + Send>(
     };
     let rows: Result<Vec<_>, E> = tiles.par_iter().with_max_len(1).map(of_tile).collect();
     let (segments, patches) = rows?.into_iter().unzip();
-    Ok(Visibility { segments, patches, unions: unions.into_inner().unwrap_or_else(PoisonError::into_inner) })
+    let unions = unions.into_inner().unwrap_or_else(PoisonError::into_inner);
+    Ok(Visibility { segments, patches, unions, frames: targets.frames })
 }
 
 /// Writes the rows of a tile into memory of their own.

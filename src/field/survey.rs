@@ -9,10 +9,10 @@ use overfly_table::{Block, FieldTable, LayoutError, Segment, TableMemory};
 use super::build::{FieldInputs, Outlines, write_table};
 use super::lookup::Lookup;
 use super::rows::{Place, Visibility, build_rows};
-use super::strips::{Strip, Viewpoints};
+use super::strips::Strip;
 use super::tiles::Tile;
 use super::update::{Earlier, Seen, update_rows};
-use crate::coverage::{DiskModel, Mask};
+use crate::coverage::{DiskModel, Mask, SampleFrame};
 use crate::scene::Scene;
 use crate::scene::clearance::Exchange;
 use crate::scene::differences::Differences;
@@ -62,8 +62,8 @@ pub struct Survey {
     pub(crate) outlines: Outlines,
     pub(crate) samples: Samples,
     pub(crate) sites: Vec<Arc<Strip>>,
-    /// Of the sites those that can be reached.
-    pub(crate) viewpoints: Viewpoints,
+    /// Of the sites those that can be reached: the viewpoints.
+    pub(crate) tiles: Vec<Tile>,
     pub(crate) offset_m: f64,
     /// The field that this one follows from, and how their scenes differ.
     pub(crate) earlier: Option<(Snapshot, Differences)>,
@@ -82,12 +82,12 @@ pub struct Footing {
     pub(crate) sites: Vec<Arc<Strip>>,
     tiles: Vec<Tile>,
     unions: Vec<Mask>,
+    frames: Arc<Vec<SampleFrame>>,
 }
 
 /// A survey with its visibility: everything that the field's tables hold.
 pub struct Findings {
     survey: Survey,
-    tiles: Vec<Tile>,
     visibility: Visibility,
     /// How its samples compare with those of the field before.
     seen: Option<Seen>,
@@ -102,19 +102,18 @@ impl Survey {
     /// Builds the visibility rows (Algorithm 1), in parallel over tiles; where there is an earlier field, only what differs from it. `place` gives memory
     /// for the segments; what is as before keeps the earlier field's.
     pub fn build<E: From<FieldError> + Send>(self, place: &Place<E>, stop: &StopToken) -> Result<Findings, E> {
-        let tiles = self.viewpoints.tiles();
-        let inputs = self.inputs();
+        let (inputs, tiles) = (self.inputs(), &self.tiles);
         let (visibility, seen) = match &self.earlier {
-            None => (build_rows(&inputs, &tiles, place, stop)?, None),
+            None => (build_rows(&inputs, tiles, place, stop)?, None),
             Some((snapshot, differences)) => {
                 let Footing { samples, tiles: before, unions, .. } = &*snapshot.footing;
                 let earlier =
                     Earlier { field: snapshot.field(), tiles: before, samples, clearance: &snapshot.free.clearance, unions };
-                let (visibility, seen) = update_rows(&inputs, &tiles, differences, &earlier, place, stop)?;
+                let (visibility, seen) = update_rows(&inputs, tiles, differences, &earlier, place, stop)?;
                 (visibility, Some(seen))
             }
         };
-        Ok(Findings { survey: self, tiles, visibility, seen })
+        Ok(Findings { survey: self, visibility, seen })
     }
 
     /// Builds the field in memory of its own.
@@ -163,15 +162,16 @@ impl Findings {
         self.counts().blocks()
     }
 
-    /// Writes the field's table into `blocks`, which are zero and exactly [`Findings::blocks`] long.
+    /// Writes the field's table into `blocks`, which are exactly [`Findings::blocks`] long; all of them are written.
     pub fn write(&self, blocks: &mut [Block]) {
-        write_table(&self.survey.inputs(), &self.counts(), &self.tiles, &self.visibility, blocks);
+        write_table(&self.survey.inputs(), &self.counts(), &self.survey.tiles, &self.visibility, blocks);
     }
 
     /// The snapshot over the segments and a table that [`Findings::write`] has written.
     pub fn snapshot(self, field: Arc<dyn FieldStorage>) -> Result<Snapshot, FieldError> {
-        let Self { survey, tiles, visibility: Visibility { unions, .. }, seen } = self;
+        let Self { survey, visibility: Visibility { unions, frames, .. }, seen } = self;
         let table = FieldTable::open(field.blocks(), field.segments())?;
+        let tiles = &survey.tiles;
         let has_cells_of = |before: &[Tile]| {
             tiles.len() == before.len() && tiles.iter().zip(before).all(|(tile, before)| tile.has_cells_of(before))
         };
@@ -183,7 +183,7 @@ impl Findings {
                 Arc::new(lookup.ok_or_else(|| FieldError::NoSurface { scene: survey.scene.name.clone() })?)
             }
         };
-        let Survey { outlines, samples, sites, earlier, .. } = survey;
+        let Survey { outlines, samples, sites, tiles, earlier, .. } = survey;
         let changes = earlier.zip(seen).map(|((earlier, differences), Seen { same, is_touched, exchange })| {
             Arc::new(Changes { since: earlier.revision, differences, exchange, same, is_touched })
         });
@@ -194,7 +194,7 @@ impl Findings {
             disks: survey.disks,
             lookup,
             offset_m: survey.offset_m,
-            footing: Arc::new(Footing { outlines, samples, sites, tiles, unions }),
+            footing: Arc::new(Footing { outlines, samples, sites, tiles, unions, frames: Arc::new(frames) }),
             changes,
             field,
         })
@@ -202,7 +202,7 @@ impl Findings {
 
     fn counts(&self) -> FieldCounts {
         let patches = self.visibility.patches.iter().map(Vec::len).sum();
-        FieldCounts { tiles: self.tiles.len(), patches, ..self.survey.counts }
+        FieldCounts { tiles: self.survey.tiles.len(), patches, ..self.survey.counts }
     }
 }
 
@@ -278,6 +278,11 @@ impl Snapshot {
     pub fn field(&self) -> FieldTable<'_> {
         let table = FieldTable::open_again(self.field.blocks(), self.field.segments());
         table.expect("the table was opened when the snapshot was made and nobody writes to it")
+    }
+
+    /// The samples with the axes of their hemispheres.
+    pub fn frames(&self) -> &Arc<Vec<SampleFrame>> {
+        &self.footing.frames
     }
 
     /// How it differs from the field that it followed from; `None` for one that was built anew.

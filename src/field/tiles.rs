@@ -56,7 +56,7 @@ impl Tile {
     }
 
     /// How many viewpoints it has.
-    pub fn len(&self) -> usize {
+    pub fn viewpoints(&self) -> usize {
         self.parts.iter().map(|part| part.sites().len()).sum()
     }
 

@@ -17,7 +17,7 @@ use super::rows::{Group, Place, Targets, Visibility, write};
 use super::survey::FieldError;
 use super::tiles::{Reach, RowBits, Tile};
 use super::viewpoints::{Cell, Site};
-use crate::coverage::Mask;
+use crate::coverage::{Mask, SampleFrame};
 use crate::scene::Bounds;
 use crate::scene::clearance::{Clearance, Exchange};
 use crate::scene::differences::Differences;
@@ -154,34 +154,38 @@ pub fn update_rows<E: From<FieldError> + Send>(
     let is_kept: Vec<bool> = rows.iter().map(|(.., is_kept)| *is_kept).collect();
     let (segments, patches): (Vec<Segment>, Vec<Vec<u32>>) = rows.into_iter().map(|(_, row, _)| row).unzip();
     let unions = update.unions(&Rows { tiles, segments: &segments, patches: &patches, is_kept: &is_kept });
-    Ok((Visibility { segments, patches, unions }, update.into_seen()))
+    let (seen, frames) = update.into_seen();
+    Ok((Visibility { segments, patches, unions, frames }, seen))
 }
 
 impl<'a> Update<'a> {
     fn new(inputs: &'a FieldInputs<'a>, differences: &Differences, earlier: &'a Earlier<'a>) -> Self {
         let samples = &inputs.samples.samples;
-        let (mut now_of, mut is_kept) = (vec![NOWHERE; earlier.samples.samples.len()], vec![false; samples.len()]);
-        for (structure, old) in differences.kept.iter().enumerate() {
-            let Some(old) = *old else { continue };
-            for (now, before) in inputs.samples.range(structure).zip(earlier.samples.range(old)) {
-                now_of[before] = now as u32;
-                // One that was buried and is not any more is as good as new, and the other way round.
-                is_kept[now] = samples[now].exposed == earlier.samples.samples[before].exposed;
+        let compared = || {
+            let (mut now_of, mut is_kept) = (vec![NOWHERE; earlier.samples.samples.len()], vec![false; samples.len()]);
+            for (structure, old) in differences.kept.iter().enumerate() {
+                let Some(old) = *old else { continue };
+                for (now, before) in inputs.samples.range(structure).zip(earlier.samples.range(old)) {
+                    now_of[before] = now as u32;
+                    // One that was buried and is not any more is as good as new, and the other way round.
+                    is_kept[now] = samples[now].exposed == earlier.samples.samples[before].exposed;
+                }
             }
-        }
+            (now_of, is_kept, Exchange::between(earlier.clearance, &inputs.free.clearance, differences))
+        };
+        let ((now, is_kept, exchange), (targets, groups)) = rayon::join(compared, || (Targets::new(inputs), Group::all(inputs)));
         let grown = |boxes: &[Bounds]| boxes.iter().map(|bounds| bounds.grown(SLACK_M)).collect();
-        let groups = Group::all(inputs);
         let nothing = || vec![0; samples.len()];
         Self {
             inputs,
             earlier,
-            targets: Targets::new(inputs),
+            targets,
             groups,
-            now: now_of,
+            now,
             is_kept,
             gone: grown(&differences.gone),
             come: grown(&differences.come),
-            exchange: Exchange::between(earlier.clearance, &inputs.free.clearance, differences),
+            exchange,
             found: Mutex::new(Found { gained: nothing(), lost: nothing(), is_touched: vec![false; samples.len()] }),
         }
     }
@@ -369,14 +373,14 @@ impl<'a> Update<'a> {
         unions
     }
 
-    /// The samples beside those of the field before.
-    fn into_seen(self) -> Seen {
+    /// The samples beside those of the field before, and as targets.
+    fn into_seen(self) -> (Seen, Vec<SampleFrame>) {
         let mut same = vec![None; self.is_kept.len()];
         for (old, &now) in self.now.iter().enumerate().filter(|(_, now)| **now != NOWHERE) {
             same[now as usize] = self.is_kept[now as usize].then_some(old as u32);
         }
         let Found { is_touched, .. } = self.found.into_inner().unwrap_or_else(PoisonError::into_inner);
-        Seen { same, is_touched, exchange: self.exchange }
+        (Seen { same, is_touched, exchange: self.exchange }, self.targets.frames)
     }
 
     fn merge(&self, work: &Work) {

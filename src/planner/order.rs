@@ -120,7 +120,7 @@ impl Order<'_> {
         let clearance_m = safety::check_behind(profile.curve(), egress.legs(), self.scope())?;
         safety::check_views(rig, &exposed.images)?;
         self.check_wanted()?;
-        let blur_px = images::blur_px(&exposed.images, rig, &profile, &free.clearance);
+        let blur_px = images::blur_px(&exposed, rig, &free.clearance);
         Ok(Arc::new(SafeFlight {
             rig: rig.clone(),
             route,
@@ -141,7 +141,7 @@ impl Order<'_> {
     fn uncounted(&self, flight: &SafeFlight) -> Plan {
         let Self { snapshot, settings, options, problem, matched_goal_percent, .. } = *self;
         let SafeFlight { rig, route, limits, deviations_m, profile, exposed, egress, clearance_m, blur_px, .. } = flight;
-        let Exposed { images, delayed, dropped } = exposed;
+        let Exposed { images, delayed, dropped, .. } = exposed;
         let travel = problem.objective.travel(&route.waypoints);
         let movement_s = travel.length_m / settings.flight.cruise_speed_mps;
         let metrics = Metrics {

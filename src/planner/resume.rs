@@ -79,7 +79,7 @@ pub(super) fn way(problem: &Problem, from: &Pose, to: &Pose) -> Option<Vec<Pose>
         let share = ((p - from.position).dot(&leg) / leg.norm_squared()).clamp(0.0, 1.0);
         (p - (from.position + leg * share)).norm() <= around_m
     };
-    let nodes = field.viewpoints.iter().map(|row| Point3::from(row.position_m)).filter(is_near).collect();
+    let nodes = field.viewpoints.par_iter().map(|row| Point3::from(row.position_m)).filter(is_near).collect();
     let corners =
         Router::new(free, nodes, field.facts.lattice_spacing_m * REACH_SPACINGS).detour(&from.position, &to.position)?;
     let corners = spread(problem, &from.position, &to.position, corners);

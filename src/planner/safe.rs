@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::order::Order;
 use super::{Ordered, PlanError, PlanOptions, StopToken, matched_goal_percent, ordered};
 use crate::field::{Cleared, Snapshot};
-use crate::search::{Problem, Wanted};
+use crate::search::Problem;
 use crate::settings::Settings;
 use crate::trajectory::known::{Known, SafeFlight};
 use crate::trajectory::plan::Plan;
@@ -26,7 +26,7 @@ pub fn safe(
 ) -> Result<Option<(Plan, Arc<SafeFlight>)>, PlanError> {
     let snapshot = &before.carried_to(cleared);
     let Ordered { settings, rig, wanted } = &ordered(snapshot, settings, options)?;
-    let problem = Problem::to_fly(snapshot, settings, rig.clone(), &Wanted { captured: Arc::default(), ..wanted.clone() });
+    let problem = Problem::to_fly(snapshot, settings, rig.clone(), wanted);
     let known = known.filter(|flight| flight.is_safe_in(&before.free));
     let known = known.and_then(|flight| Known::new(Arc::clone(flight), cleared.free.only_new(&cleared.differences)));
     let matched_goal_percent = matched_goal_percent(settings, options);

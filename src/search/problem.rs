@@ -5,7 +5,6 @@ use std::sync::{Arc, OnceLock};
 use geo::{Coord, Intersects, Polygon};
 use nalgebra::{Point3, Unit, Vector3};
 use overfly_table::{FieldTable, Row};
-use rayon::prelude::*;
 
 use super::captured::{self, Captured};
 use super::cover::{Cover, Places};
@@ -78,7 +77,7 @@ pub struct Problem<'a> {
     /// Cells that a capturable sample must exceed; all cells for one that cannot be captured.
     pub thresholds: Vec<u32>,
     /// Samples with the axes of their hemispheres.
-    pub frames: Vec<SampleFrame>,
+    pub frames: Arc<Vec<SampleFrame>>,
     /// Where they stand in the nodes of a tree; found out for the first one.
     places: OnceLock<Places>,
     /// The discretised view directions of a camera on a gimbal (section 5.4); empty for other rigs.
@@ -138,8 +137,9 @@ impl<'a> Problem<'a> {
 
     /// For who only asks what can be flown: nothing counts as capturable, and so nothing is looked at for that.
     pub fn to_fly(snapshot: &'a Snapshot, settings: &Settings, rig: Rig, wanted: &Wanted) -> Self {
+        let wanted = Wanted { captured: Arc::default(), ..wanted.clone() };
         let reach = |seeing: &Seeing| Reach::nothing(seeing.frames.len());
-        Self::reaching(snapshot, settings, rig, wanted, reach, &StopToken::default())
+        Self::reaching(snapshot, settings, rig, &wanted, reach, &StopToken::default())
     }
 
     fn reaching(
@@ -152,7 +152,7 @@ impl<'a> Problem<'a> {
     ) -> Self {
         let field = snapshot.field();
         let threshold = field.facts.threshold_cells;
-        let frames = frames(&field);
+        let frames = Arc::clone(snapshot.frames());
         let range_m = wanted.sight_m(&rig, snapshot.disks.range_m());
         let disks = if range_m < snapshot.disks.range_m() {
             Arc::new(DiskModel::new(&CoverageSettings { range_m, ..settings.coverage.clone() }))
@@ -420,8 +420,4 @@ fn most_of_image(field: &FieldTable, disks: &DiskModel) -> Information {
     let area = |row: Row| row.samples().fold(0u64, |sum, i| sum.saturating_add(field.samples[i].area_mm2));
     let most = (0..field.viewpoints.len()).map(|j| area(field.row(j))).max().unwrap_or(0);
     most.saturating_mul(u64::from(disks.most_cells()))
-}
-
-fn frames(field: &FieldTable) -> Vec<SampleFrame> {
-    field.samples.par_iter().map(|row| SampleFrame::new(row.position_m.into(), row.normal.into())).collect()
 }

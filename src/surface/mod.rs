@@ -131,8 +131,10 @@ impl Sampler {
             Some(samples)
         };
         let open: Vec<usize> = (0..known.len()).filter(|&index| !is_settled(index)).collect();
-        let mut fresh = open.into_par_iter().map(looked_at).collect::<Option<Vec<_>>>()?.into_iter();
-        let mut samples = Vec::new();
+        let fresh = open.into_par_iter().map(looked_at).collect::<Option<Vec<_>>>()?;
+        let settled = known.iter().flatten().filter(|known| known.is_exposure_known).map(|known| known.samples.len());
+        let mut samples = Vec::with_capacity(settled.chain(fresh.iter().map(Vec::len)).sum());
+        let mut fresh = fresh.into_iter();
         for (index, known) in known.iter().enumerate() {
             let first = samples.len();
             match known {

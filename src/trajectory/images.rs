@@ -1,5 +1,7 @@
 //! The images of a route: one for each camera and exposure, where the drone really is at their instants.
 
+use std::iter;
+
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
 
@@ -15,6 +17,8 @@ use crate::search::leg::slerp;
 pub struct Exposed {
     /// In the order of their exposure.
     pub images: Vec<Image>,
+    /// How fast the drone flies at each image, m/s.
+    pub speeds_mps: Vec<f64>,
     /// Exposures that wait for the shutter, and those that are left out because they would have to wait too long.
     pub delayed: u32,
     pub dropped: u32,
@@ -39,7 +43,9 @@ pub fn expose(route: &Route, rig: &Rig, profile: &Profile) -> Exposed {
     let mut last = None;
     let passings = route.exposures.par_iter().with_min_len(LEAST_EXPOSURES);
     let passings: Vec<Option<Passage>> = passings.map(|exposure| profile.passing(exposure.leg, exposure.flown_m)).collect();
-    exposed.images.reserve(passings.len() * rig.camera_count());
+    let cameras = rig.camera_count();
+    exposed.images.reserve(passings.len() * cameras);
+    exposed.speeds_mps.reserve(passings.len() * cameras);
     for (index, (exposure, planned)) in route.exposures.iter().zip(passings).enumerate() {
         let Some(planned) = planned else { continue };
         let wait_s = ready_s - planned.time_s;
@@ -57,6 +63,7 @@ pub fn expose(route: &Route, rig: &Rig, profile: &Profile) -> Exposed {
         };
         ready_s = passage.time_s + rig.shutter_interval_s;
         exposed.images.extend(images(rig, &passage, direction));
+        exposed.speeds_mps.extend(iter::repeat_n(passage.velocity_mps.norm(), cameras));
         last = Some(passage);
     }
     exposed
@@ -75,9 +82,8 @@ fn is_missed(route: &Route, last: Option<&Passage>, index: usize) -> bool {
 }
 
 /// The most that an image is smeared by the flight during its exposure, at the surface nearest to it, px; 0 without images.
-pub fn blur_px(images: &[Image], rig: &Rig, profile: &Profile, clearance: &Clearance) -> f64 {
-    let smeared = |most_px: f64, image: &Image| {
-        let speed_mps = profile.at(image.time_s).map_or(0.0, |passage| passage.velocity_mps.norm());
+pub fn blur_px(exposed: &Exposed, rig: &Rig, clearance: &Clearance) -> f64 {
+    let smeared = |most_px: f64, (image, speed_mps): (&Image, &f64)| {
         let smear_px_m = speed_mps * rig.exposure_s / rig.pixel_rad(image.camera as usize);
         // A surface counts when it smears more than the most so far; farther ones are looked at by so little that rounding decides nothing, whatever was
         // the most so far. The ground is the surface when nothing is nearer.
@@ -85,7 +91,11 @@ pub fn blur_px(images: &[Image], rig: &Rig, profile: &Profile, clearance: &Clear
         let distance_m = clearance.point_distance_m(&image.position_m, image.position_m.z.min(cap_m));
         if distance_m < cap_m { most_px.max(smear_px_m / distance_m.max(f64::MIN_POSITIVE)) } else { most_px }
     };
-    images.par_iter().with_min_len(LEAST_EXPOSURES).fold(|| 0.0, smeared).reduce(|| 0.0, f64::max)
+    let Exposed { images, speeds_mps, .. } = exposed;
+    // Who knows a few images need not look far from all others.
+    let of_few_px = images.iter().zip(speeds_mps).step_by(LEAST_EXPOSURES).fold(0.0, smeared);
+    let images = images.par_iter().zip(speeds_mps).with_min_len(LEAST_EXPOSURES);
+    images.fold(|| of_few_px, smeared).reduce(|| of_few_px, f64::max)
 }
 
 /// Where a rig is turned at an exposure: a gimbal as the route says; bolted cameras ahead along the curve, which on an arc is its

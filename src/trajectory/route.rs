@@ -48,6 +48,9 @@ impl Route {
     /// Images all along the path, as many as `spacing` says: at its start and on every leg up to the leg's end.
     pub fn continuous(path: &[Pose], rig: &Rig, spacing: ImageSpacing) -> Self {
         let start = path.first().map(|&pose| Exposure { leg: 0, flown_m: 0.0, pose });
+        let on_legs =
+            path.windows(2).map(|ends| spacing.image_count((ends[1].position - ends[0].position).norm())).sum::<usize>();
+        let mut exposures = Vec::with_capacity(1 + on_legs);
         let on_leg = |(leg, ends): (usize, &[Pose])| {
             let from = ends[0];
             image_poses(rig, &from, &ends[1], spacing).map(move |pose| {
@@ -55,11 +58,9 @@ impl Route {
                 Exposure { leg, flown_m, pose }
             })
         };
-        Self {
-            waypoints: path.to_vec(),
-            exposures: start.into_iter().chain(path.windows(2).enumerate().flat_map(on_leg)).collect(),
-            most_apart_m: spacing.most_m,
-        }
+        exposures.extend(start);
+        path.windows(2).enumerate().for_each(|leg| exposures.extend(on_leg(leg)));
+        Self { waypoints: path.to_vec(), exposures, most_apart_m: spacing.most_m }
     }
 
     /// Images only at chosen waypoints; `is_view` says which.

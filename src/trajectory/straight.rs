@@ -29,14 +29,10 @@ pub struct Motion {
     pub speed_mps: f64,
 }
 
-/// Newton steps to the peak of a short part at most; it takes four or five.
+/// Newton steps to the peak of a short part, or to the time of a place, at most; it takes four or five.
 const MOST_STEPS: u32 = 40;
 /// The peak is found when the length comes out this exactly.
 const LENGTH_TOLERANCE: f64 = 1e-13;
-/// Halvings of the time at which a place is passed: more than an f64 has digits.
-const HALVINGS: u32 = 64;
-/// Newton's steps before them; most places lie where the speed is constant and take one.
-const NEWTON_STEPS: u32 = 4;
 
 impl Ramp {
     /// Time of a change of speed, s.
@@ -143,6 +139,26 @@ impl Ramp {
         let flown_m = from_mps * jerk_s + a * jerk_s * jerk_s / 6.0 + entry_mps * even_s + a * even_s * even_s / 2.0;
         Motion { flown_m, speed_mps: entry_mps + a * even_s }
     }
+
+    /// When a drone that speeds up has flown so far, s after it began.
+    fn time_at_s(&self, from_mps: f64, to_mps: f64, flown_m: f64) -> f64 {
+        let duration_s = self.duration_s(to_mps - from_mps);
+        let jerk_s = (self.acceleration_mps2 / self.jerk_mps3).min(duration_s / 2.0);
+        let j = self.jerk_mps3;
+        let bent_m = j * jerk_s * jerk_s * jerk_s / 6.0;
+        let (first_m, last_m) = (from_mps * jerk_s + bent_m, to_mps * jerk_s - bent_m);
+        if flown_m <= first_m {
+            return jerking_s(from_mps, j, flown_m).min(jerk_s);
+        }
+        let left_m = (from_mps + to_mps) / 2.0 * duration_s - flown_m;
+        if left_m <= last_m {
+            return duration_s - jerking_s(to_mps, -j, left_m).min(jerk_s);
+        }
+        // v t + a t^2 / 2 = L without a difference that cancels.
+        let (a, even_m) = (j * jerk_s, flown_m - first_m);
+        let entry_mps = from_mps + a * jerk_s / 2.0;
+        jerk_s + 2.0 * even_m / (entry_mps + (entry_mps * entry_mps + 2.0 * a * even_m).sqrt())
+    }
 }
 
 impl Straight {
@@ -199,46 +215,36 @@ impl Straight {
         if flown_m >= self.length_m {
             return self.duration_s();
         }
-        if flown_m <= 0.0 {
-            return 0.0;
+        let [rise_s, level_s, _] = self.parts_s;
+        let rise_m = self.ramp.length_m(self.from_mps, self.peak_mps);
+        if flown_m <= rise_m {
+            return self.ramp.time_at_s(self.from_mps, self.peak_mps, flown_m);
         }
-        let mut between_s = [0.0, self.duration_s()];
-        self.close_in(flown_m, &mut between_s);
-        for _ in 0..HALVINGS {
-            let [early_s, late_s] = between_s;
-            let middle_s = (early_s + late_s) / 2.0;
-            if middle_s <= early_s || middle_s >= late_s {
-                break;
-            }
-            self.part(flown_m, middle_s, &mut between_s);
+        let left_m = self.length_m - flown_m;
+        if left_m <= self.ramp.length_m(self.to_mps, self.peak_mps) {
+            return self.duration_s() - self.ramp.time_at_s(self.to_mps, self.peak_mps, left_m);
         }
-        between_s[1]
+        rise_s + ((flown_m - rise_m) / self.peak_mps).min(level_s)
     }
+}
 
-    /// Closes in on the time of a place by Newton's steps, and from both sides of where they lead to.
-    fn close_in(&self, flown_m: f64, between_s: &mut [f64; 2]) {
-        let duration_s = between_s[1];
-        let mut time_s = duration_s * flown_m / self.length_m;
-        for _ in 0..NEWTON_STEPS {
-            let motion = self.part(flown_m, time_s, between_s);
-            let next_s = time_s + (flown_m - motion.flown_m) / motion.speed_mps;
-            time_s = if next_s > between_s[0] && next_s < between_s[1] { next_s } else { (between_s[0] + between_s[1]) / 2.0 };
-        }
-        for margin in [1e-15, 1e-12] {
-            for side_s in [time_s - margin * duration_s, time_s + margin * duration_s] {
-                if side_s > between_s[0] && side_s < between_s[1] {
-                    self.part(flown_m, side_s, between_s);
-                }
-            }
+/// The time that `flown_m` take at a speed that changes with a jerk from an acceleration of 0 on, s: the root of v t + j t^3 / 6 = L. With a rising speed
+/// the left side is convex and Newton's steps come down to the root; with a falling one it is concave and they come up.
+fn jerking_s(speed_mps: f64, jerk_mps3: f64, flown_m: f64) -> f64 {
+    if flown_m <= 0.0 {
+        return 0.0;
+    }
+    let even_s = flown_m / speed_mps;
+    let mut time_s = if jerk_mps3 > 0.0 { even_s.min(libm::cbrt(6.0 * flown_m / jerk_mps3)) } else { even_s };
+    for _ in 0..MOST_STEPS {
+        let bent_mps = jerk_mps3 * time_s * time_s / 2.0;
+        let step_s = (speed_mps * time_s + bent_mps * time_s / 3.0 - flown_m) / (speed_mps + bent_mps);
+        time_s -= step_s;
+        if step_s.abs() <= f64::EPSILON * time_s {
+            break;
         }
     }
-
-    /// Where the drone is at a time, which is made the new end of its side of `flown_m`.
-    fn part(&self, flown_m: f64, time_s: f64, between_s: &mut [f64; 2]) -> Motion {
-        let motion = self.motion_at(time_s);
-        between_s[usize::from(motion.flown_m >= flown_m)] = time_s;
-        motion
-    }
+    time_s
 }
 
 #[cfg(test)]

@@ -311,8 +311,7 @@ impl Link {
         };
         memory::populate(sample.payload_mut())?;
         *sample.user_header_mut() = header;
-        sample.payload_mut().fill(std::mem::MaybeUninit::new(WireBlock(overfly_table::Block::ZERO)));
-        // SAFETY: every block was written just now.
+        // SAFETY: the kernel has provided every page of the mapping, zero or with what was sent from there before.
         let mut sample = unsafe { sample.assume_init() };
         frame::fill(WireBlock::blocks_mut(sample.payload_mut()), &body, bulk);
         sample.send().map_err(|error| ClientError::Send(error.to_string()))?;

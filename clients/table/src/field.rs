@@ -391,7 +391,7 @@ pub struct FieldTableMut<'a> {
 }
 
 impl<'a> FieldTableMut<'a> {
-    /// Writes the header and returns the sections. `blocks` are zero and exactly `counts.blocks()` long.
+    /// Writes the header and returns the sections, whose rows hold what `blocks` held: these are exactly `counts.blocks()` long, and may be anything.
     pub fn create(blocks: &'a mut [Block], counts: &FieldCounts, facts: FieldFacts) -> Self {
         assert_eq!(blocks.len(), counts.blocks(), "the caller sizes the table with FieldCounts::blocks");
         let (sections, total_bytes) = counts.sections();
@@ -400,7 +400,7 @@ impl<'a> FieldTableMut<'a> {
             FieldHeader { magic: MAGIC, schema: SCHEMA, header_bytes: header_bytes as u32, total_bytes, facts, sections };
         bytemuck::cast_slice_mut::<Block, u8>(blocks)[..header_bytes].copy_from_slice(bytemuck::bytes_of(&header));
         let [samples, ceilings, viewpoints, tiles, patches, structures, rings, points, names, zones, ground] =
-            layout::split_mut(blocks, sections, ROW_BYTES);
+            layout::split_mut(blocks, header_bytes, sections, ROW_BYTES);
         Self {
             samples: bytemuck::cast_slice_mut(samples),
             ceilings: bytemuck::cast_slice_mut(ceilings),

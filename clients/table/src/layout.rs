@@ -64,25 +64,28 @@ pub(crate) fn rows<'a, T: Pod>(blocks: &'a [Block], section: Section, name: &'st
     bytemuck::try_cast_slice(&bytes[range]).map_err(|_| LayoutError::Section { section: name })
 }
 
-/// Splits a table into its header block run and mutable sections, in the order of `sections`, which must have been made by [`lay_out`].
+/// Splits a table into its mutable sections, in their order, and makes all zero that lies between them. `sections` must have been made by [`lay_out`].
 pub(crate) fn split_mut<const S: usize>(
     blocks: &mut [Block],
+    header_bytes: usize,
     sections: [Section; S],
     bytes_per_row: [usize; S],
 ) -> [&mut [u8]; S] {
-    let mut rest: &mut [u8] = bytemuck::cast_slice_mut(blocks);
-    let mut position = 0usize;
-    let mut index = 0;
-    sections.map(|section| {
+    let (mut position, mut index) = (header_bytes, 0);
+    let mut rest: &mut [u8] = &mut bytemuck::cast_slice_mut(blocks)[header_bytes..];
+    let split = sections.map(|section| {
         let start = section.offset_bytes as usize - position;
         let length = section.count as usize * bytes_per_row[index];
         index += 1;
-        let (_, tail) = std::mem::take(&mut rest).split_at_mut(start);
+        let (gap, tail) = std::mem::take(&mut rest).split_at_mut(start);
+        gap.fill(0);
         let (rows, tail) = tail.split_at_mut(length);
         position += start + length;
         rest = tail;
         rows
-    })
+    });
+    rest.fill(0);
+    split
 }
 
 /// Reads the header `H` of a table and checks magic number and schema; `identity` takes them out of the header.

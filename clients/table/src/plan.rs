@@ -224,16 +224,16 @@ pub struct PlanTableMut<'a> {
 }
 
 impl<'a> PlanTableMut<'a> {
-    /// Writes the header into `blocks`, which must be exactly as long as [`PlanCounts::blocks`] says, and zeroes the sections.
+    /// Writes the header and returns the sections, whose rows hold what `blocks` held: these are exactly as long as [`PlanCounts::blocks`] says, and may
+    /// be anything.
     pub fn create(blocks: &'a mut [Block], counts: &PlanCounts, facts: &PlanFacts) -> Self {
         assert_eq!(blocks.len(), counts.blocks(), "the caller sizes the table with PlanCounts::blocks");
-        blocks.fill(Block::ZERO);
         let (sections, total_bytes) = counts.sections();
         let header_bytes = size_of::<PlanHeader>();
         let header =
             PlanHeader { magic: MAGIC, schema: SCHEMA, header_bytes: header_bytes as u32, total_bytes, facts: *facts, sections };
         bytemuck::cast_slice_mut::<Block, u8>(blocks)[..header_bytes].copy_from_slice(bytemuck::bytes_of(&header));
-        let [waypoints, images, cameras, cells, iterations, text] = layout::split_mut(blocks, sections, ROW_BYTES);
+        let [waypoints, images, cameras, cells, iterations, text] = layout::split_mut(blocks, header_bytes, sections, ROW_BYTES);
         Self {
             waypoints: bytemuck::cast_slice_mut(waypoints),
             images: bytemuck::cast_slice_mut(images),

@@ -107,14 +107,14 @@ impl SegmentRows {
         layout::blocks_for(sections(self.starts.len() - 1, self.seen.len()).1)
     }
 
-    /// Writes the segment into `blocks`, which are zero and exactly [`SegmentRows::blocks`] long.
+    /// Writes the segment into `blocks`, which are exactly [`SegmentRows::blocks`] long; all of them are written.
     pub fn write(&self, blocks: &mut [Block]) {
         assert_eq!(blocks.len(), self.blocks(), "the caller sizes the segment with SegmentRows::blocks");
         let (sections, total_bytes) = sections(self.starts.len() - 1, self.seen.len());
         let header_bytes = size_of::<SegmentHeader>();
         let header = SegmentHeader { magic: MAGIC, schema: SCHEMA, header_bytes: header_bytes as u32, total_bytes, sections };
         bytemuck::cast_slice_mut::<Block, u8>(blocks)[..header_bytes].copy_from_slice(bytemuck::bytes_of(&header));
-        let [starts, seen] = layout::split_mut(blocks, sections, ROW_BYTES);
+        let [starts, seen] = layout::split_mut(blocks, header_bytes, sections, ROW_BYTES);
         starts.copy_from_slice(bytemuck::cast_slice(&self.starts));
         seen.copy_from_slice(bytemuck::cast_slice(&self.seen));
     }

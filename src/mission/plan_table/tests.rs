@@ -90,6 +90,9 @@ proptest! {
         let [field_s, search_s, check_s, total_s] = seconds;
         let times = RunTimes { field_s, search_s, check_s, total_s, threads };
         let blocks = to_blocks(&plan, &times);
+        let mut over = vec![Block([u64::MAX; 8]); blocks.len()];
+        write(&plan, &times, &mut over);
+        prop_assert!(over == blocks, "something is left of what the memory held");
         let back = from_table(&PlanTable::open(&blocks).unwrap()).unwrap();
         // NaN is not equal to itself, but to the last bit.
         prop_assert_eq!(to_blocks(&back.0, &back.1), blocks);

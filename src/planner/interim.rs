@@ -56,6 +56,10 @@ impl<'i> Interim<'i> {
 
     /// Hands a flight out if it is short enough and better than all before.
     pub fn offer(&mut self, path: &[Pose], made: Made) {
+        if self.order.stop.is_abandoned() {
+            free_behind(made.record);
+            return;
+        }
         let standing = self.standing(&made);
         let is_short_enough = self.order.within_s().is_none_or(|within_s| standing.duration_s <= within_s);
         if is_short_enough && self.best.as_ref().is_none_or(|best| self.is_better(&standing, &best.standing)) {

@@ -78,7 +78,8 @@ impl Flight {
     /// A flight whose waypoints see what they say.
     pub fn of_waypoints(ground: &Ground, waypoints: Vec<Waypoint>) -> Self {
         let mut counts = ground.counts();
-        for Waypoint { seen, leg, .. } in &waypoints {
+        // Of an abandoned flight nothing is taken away again that was not counted: no change is tried any more.
+        for Waypoint { seen, leg, .. } in waypoints.iter().take_while(|_| !ground.stop.is_abandoned()) {
             counts.add(seen);
             counts.add(leg);
         }

@@ -36,7 +36,8 @@ pub struct Record {
     reach: Reach,
     /// By slot; `None` where an image is no more. The sightings name slots.
     images: Vec<Option<Image>>,
-    sightings: Sightings,
+    /// Shared, because the record of a flight is kept by who goes on with it and by who flies it.
+    sightings: Arc<Sightings>,
     tally: Tally,
     /// Slots of the images at the start, which belong to no leg.
     at_start: Vec<u32>,
@@ -56,7 +57,7 @@ impl Record {
             range_m: problem.disks.range_m(),
             reach: problem.reach.clone(),
             images: images.iter().copied().map(Some).collect(),
-            sightings,
+            sightings: Arc::new(sightings),
             tally,
             at_start: (0..cameras).collect(),
             flight: None,
@@ -110,7 +111,8 @@ impl Record {
         if stop.is_abandoned() {
             return None;
         }
-        let Self { rig, range_m, images: mut slots, sightings: Sightings(mut before), tally: counted, .. } = self;
+        let Self { rig, range_m, images: mut slots, sightings, tally: counted, .. } = self;
+        let Sightings(mut before) = Arc::unwrap_or_clone(sightings);
         let cast = Recast::new(snapshot, problem, images, &mut slots, changes);
         let samples = problem.frames.len();
         let mut tally = Tally::nothing(samples);
@@ -154,7 +156,7 @@ impl Record {
             reach: problem.reach.clone(),
             at_start: cast.slots[..cameras].to_vec(),
             images: slots,
-            sightings: Sightings(lists.into_iter().map(|(_, list)| list).collect()),
+            sightings: Arc::new(Sightings(lists.into_iter().map(|(_, list)| list).collect())),
             tally,
             rig,
             flight: None,
@@ -188,7 +190,7 @@ impl Record {
 
     /// The same, when nothing else of the record is needed any more.
     pub fn into_sightings(self) -> Sightings {
-        self.sightings
+        Arc::unwrap_or_clone(self.sightings)
     }
 }
 

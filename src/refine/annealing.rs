@@ -20,6 +20,7 @@ use super::moves::{self, exponential};
 use crate::camera::Pose;
 use crate::search::Iteration;
 use crate::search::objective::PathSums;
+use crate::stop::free_behind;
 
 /// What is wanted: the least time at a coverage, the most coverage within a time, or the most of the paper's objective.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,6 +156,12 @@ impl<'a> Annealing<'a> {
         &self.best
     }
 
+    /// The best flight of a search that is over. What its flights saw is thousands of pieces of memory, which are freed behind whoever waits.
+    pub fn into_best(self) -> Best {
+        free_behind((self.flight, self.copies));
+        self.best
+    }
+
     /// Samples cost what they do when a search is nearly over: the next one takes longer than each took on average.
     pub fn price_as_late(&mut self) {
         let Prices { captured, matched } = &mut self.demand.prices_ns;
@@ -267,6 +274,10 @@ impl<'a> Annealing<'a> {
                 returns
             })
             .collect();
+        if ground.stop.is_abandoned() {
+            // Nobody looks at the flight any more: its parts stay apart.
+            return;
+        }
         join(ground, &mut flights, &sectors);
         self.choice.learn(returns.iter());
         self.tried += u64::from(steps) * sectors.len() as u64;

@@ -155,7 +155,8 @@ pub fn refine(
 
     if stop.is_abandoned() {
         // Nobody looks at it any more.
-        return Outcome { path: headed(&ground.problem.rig, &annealing.best().path), convergence, stop: StopReason::Cancelled };
+        let path = headed(&ground.problem.rig, &annealing.into_best().path);
+        return Outcome { path, convergence, stop: StopReason::Cancelled };
     }
     if level < levels.last() {
         annealing.move_to(ground);
@@ -167,7 +168,7 @@ pub fn refine(
     if is_met && matches!(aim, Aim::LeastTime { .. } | Aim::LeastTimeWithin { .. }) {
         reason = StopReason::GoalReached;
     }
-    Outcome { path: headed(&ground.problem.rig, &annealing.best().path), convergence, stop: reason }
+    Outcome { path: headed(&ground.problem.rig, &annealing.into_best().path), convergence, stop: reason }
 }
 
 /// Cold rounds for what a flight is short of where it is really looked at.

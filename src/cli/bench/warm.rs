@@ -33,7 +33,7 @@ const SHARE_AFTER: u32 = 4;
 const COLD_PLANS: u64 = 3;
 
 /// Searches are cancelled after times that follow one another in such steps, up to the longest, ms: while they begin, mend and anneal.
-const CANCELLED_STEP_MS: u64 = 187;
+const CANCELLED_STEP_MS: u64 = 211;
 const CANCELLED_MOST_MS: u64 = 1500;
 
 pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {

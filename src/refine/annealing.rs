@@ -14,7 +14,7 @@ use super::Confirmed;
 use super::choice::{Choice, Returns};
 use super::counts::Worth;
 use super::draft::Splice;
-use super::flight::{Demand, Flight, Journal, Prices, Pursuit, Trial};
+use super::flight::{Demand, Flight, Journal, Prices, Pursuit, Trial, Waypoint};
 use super::ground::Ground;
 use super::moves::{self, exponential};
 use crate::camera::Pose;
@@ -76,6 +76,8 @@ pub struct Annealing<'a> {
 #[derive(Clone, Debug)]
 pub struct Best {
     pub path: Vec<Pose>,
+    /// The same with what is seen from there.
+    waypoints: Vec<Waypoint>,
     pub worth: Worth,
     pub duration_ns: u64,
     record: Iteration,
@@ -133,7 +135,8 @@ impl<'a> Annealing<'a> {
             parts_share: settings.parts_share,
         };
         let record = Iteration { objective: f64::NEG_INFINITY, coverage_percent: 0.0, length_m: 0.0, turning_s: 0.0 };
-        let best = Best { path: path.to_vec(), worth: Worth::default(), duration_ns: u64::MAX, record };
+        let waypoints = flight.waypoints.clone();
+        let best = Best { path: path.to_vec(), waypoints, worth: Worth::default(), duration_ns: u64::MAX, record };
         let mut annealing = Self {
             ground,
             aim,
@@ -156,10 +159,10 @@ impl<'a> Annealing<'a> {
         &self.best
     }
 
-    /// The best flight of a search that is over. What its flights saw is thousands of pieces of memory, which are freed behind whoever waits.
-    pub fn into_best(self) -> Best {
-        free_behind((self.flight, self.copies));
-        self.best
+    /// The path of the best flight of a search that is over. What its flights saw is thousands of pieces of memory, which are freed behind whoever waits.
+    pub fn into_path(self) -> Vec<Pose> {
+        free_behind((self.flight, self.copies, self.best.waypoints));
+        self.best.path
     }
 
     /// Samples cost what they do when a search is nearly over: the next one takes longer than each took on average.
@@ -198,11 +201,11 @@ impl<'a> Annealing<'a> {
             let longer_ns = ((really.duration_s * 1e9) as u64).saturating_sub(self.best.duration_ns);
             self.within_ns = within_ns.saturating_sub(longer_ns);
         }
-        if self.flight.path() == self.best.path {
-            self.judge_anew();
-        } else {
-            self.begin_anew(&self.best.path.clone());
+        if self.flight.path() != self.best.path {
+            self.flight.go_back(self.ground, self.best.waypoints.clone());
+            self.copies.clear();
         }
+        self.judge_anew();
     }
 
     /// Goes on with other samples. A sample costs what as many stand for it as before.
@@ -217,12 +220,7 @@ impl<'a> Annealing<'a> {
             Aim::MostCoverage { .. } => ground.most,
             Aim::MostObjective => Worth::default(),
         };
-        self.begin_anew(&self.flight.path());
-    }
-
-    /// Counts a flight anew; the search for the best one begins there.
-    fn begin_anew(&mut self, path: &[Pose]) {
-        self.flight = Flight::new(self.ground, path);
+        self.flight = Flight::new(ground, &self.flight.path());
         self.copies.clear();
         self.judge_anew();
     }
@@ -353,7 +351,8 @@ impl<'a> Annealing<'a> {
             Aim::MostObjective => self.present().objective > best.record.objective,
         };
         if is_better {
-            self.best = Best { path: self.flight.path(), worth, duration_ns, record: self.present() };
+            let (path, waypoints) = (self.flight.path(), self.flight.waypoints.clone());
+            self.best = Best { path, waypoints, worth, duration_ns, record: self.present() };
         }
     }
 

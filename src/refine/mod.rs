@@ -155,7 +155,7 @@ pub fn refine(
 
     if stop.is_abandoned() {
         // Nobody looks at it any more.
-        let path = headed(&ground.problem.rig, &annealing.into_best().path);
+        let path = headed(&ground.problem.rig, &annealing.into_path());
         return Outcome { path, convergence, stop: StopReason::Cancelled };
     }
     if level < levels.last() {
@@ -168,7 +168,7 @@ pub fn refine(
     if is_met && matches!(aim, Aim::LeastTime { .. } | Aim::LeastTimeWithin { .. }) {
         reason = StopReason::GoalReached;
     }
-    Outcome { path: headed(&ground.problem.rig, &annealing.into_best().path), convergence, stop: reason }
+    Outcome { path: headed(&ground.problem.rig, &annealing.into_path()), convergence, stop: reason }
 }
 
 /// Cold rounds for what a flight is short of where it is really looked at.

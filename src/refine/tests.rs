@@ -74,6 +74,7 @@ fn a_flight_changed_step_by_step_is_the_one_made_anew() {
         let mut random = ChaCha8Rng::seed_from_u64(9);
         let mut flight = Flight::new(ground, path);
         let (mut splice, mut made) = (Splice::default(), 0);
+        let mut earlier = flight.waypoints.clone();
         for step in 0..3000 {
             let sector = Sector { head: 0, tail: 0 };
             let kind = choice.draw(&mut random);
@@ -88,6 +89,12 @@ fn a_flight_changed_step_by_step_is_the_one_made_anew() {
             }
             if step % 250 == 249 {
                 assert_eq!(figures(&flight, ground), figures(&Flight::new(ground, &flight.path()), ground));
+            }
+            if step % 500 == 499 {
+                let now = flight.waypoints.clone();
+                flight.go_back(ground, std::mem::replace(&mut earlier, now.clone()));
+                assert_eq!(figures(&flight, ground), figures(&Flight::new(ground, &flight.path()), ground), "gone back");
+                flight.go_back(ground, now);
             }
         }
         assert!(made > 100 && flight.waypoints.len() > 3, "{made} changes, {} waypoints", flight.waypoints.len());

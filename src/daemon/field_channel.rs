@@ -5,13 +5,11 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::ipc_threadsafe;
-use iceoryx2::sample_mut::SampleMut;
 use overfly_table::{Block, Segment, TableMemory};
 use overfly_wire::memory::{self, MemoryError};
 use overfly_wire::segment::SegmentFile;
 use overfly_wire::service::{
-    self, BlockPublisher, BlockSample, BlockService, BlockSubscriber, FIELD_SAMPLES, IpcNode, Memory, ServiceError,
+    self, BlockLoan, BlockPublisher, BlockSample, BlockService, BlockSubscriber, FIELD_SAMPLES, IpcNode, Memory, ServiceError,
 };
 use overfly_wire::{Domain, Header, WireBlock};
 
@@ -55,8 +53,6 @@ struct Publishers {
     lending: Option<Arc<BlockPublisher>>,
 }
 
-type LentField = SampleMut<ipc_threadsafe::Service, [WireBlock], Header>;
-
 /// A segment that was published, or will be; it counts against the budget for as long as any field has it.
 struct CountedSegment {
     file: SegmentFile,
@@ -76,7 +72,7 @@ impl TableMemory for CountedSegment {
 /// Shared memory that holds a finished table nobody has seen yet.
 #[derive(Debug)]
 pub struct FilledField {
-    sample: LentField,
+    sample: BlockLoan,
     publisher: Arc<BlockPublisher>,
     reservation: Reservation,
 }
@@ -171,25 +167,23 @@ impl FieldChannel {
         }
     }
 
-    fn loan(&self, count: usize) -> Result<(Arc<BlockPublisher>, LentField), FieldChannelError> {
+    fn loan(&self, count: usize) -> Result<(Arc<BlockPublisher>, BlockLoan), FieldChannelError> {
         memory::check_room(count * Block::BYTES)?;
         let lending = self.lock().lending.clone();
         let lent = lending.and_then(|publisher| publisher.loan_slice_uninit(count).ok().map(|sample| (publisher, sample)));
-        let (publisher, mut sample) = match lent {
+        let (publisher, lent) = match lent {
             Some(lent) => lent,
             // The field has outgrown the publisher's memory, or clients hold as many old fields as there is room for. A second
             // publisher of the same service has memory of its own; that of the first goes with its last reader.
             None => {
                 let publisher = self.renew(count)?;
-                let sample = publisher
+                let lent = publisher
                     .loan_slice_uninit(count)
                     .map_err(|error| FieldChannelError::Loan { scene: self.scene.clone(), cause: error.to_string() })?;
-                (publisher, sample)
+                (publisher, lent)
             }
         };
-        memory::populate(sample.payload_mut())?;
-        // SAFETY: the kernel has provided every page of the mapping, zero or with what an earlier field left there.
-        Ok((publisher, unsafe { sample.assume_init() }))
+        Ok((publisher, memory::provide(lent)?))
     }
 
     fn renew(&self, count: usize) -> Result<Arc<BlockPublisher>, FieldChannelError> {

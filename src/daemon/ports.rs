@@ -130,11 +130,9 @@ impl Ports {
         blocks: usize,
         fill: impl FnOnce(&mut [Block]),
     ) -> Result<(), String> {
-        let mut sample = publisher.loan_slice_uninit(blocks).map_err(|error| error.to_string())?;
-        memory::populate(sample.payload_mut()).map_err(|error| error.to_string())?;
+        let lent = publisher.loan_slice_uninit(blocks).map_err(|error| error.to_string())?;
+        let mut sample = memory::provide(lent).map_err(|error| error.to_string())?;
         *sample.user_header_mut() = header;
-        // SAFETY: the kernel has provided every page of the mapping, zero or with what was sent from there before.
-        let mut sample = unsafe { sample.assume_init() };
         fill(WireBlock::blocks_mut(sample.payload_mut()));
         sample.send().map_err(|error| error.to_string())?;
         self.ring();

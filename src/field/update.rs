@@ -154,7 +154,7 @@ pub fn update_rows<E: From<FieldError> + Send>(
     let is_kept: Vec<bool> = rows.iter().map(|(.., is_kept)| *is_kept).collect();
     let (segments, patches): (Vec<Segment>, Vec<Vec<u32>>) = rows.into_iter().map(|(_, row, _)| row).unzip();
     let unions = update.unions(&Rows { tiles, segments: &segments, patches: &patches, is_kept: &is_kept });
-    let (seen, frames) = update.into_seen();
+    let (seen, frames) = update.into_parts();
     Ok((Visibility { segments, patches, unions, frames }, seen))
 }
 
@@ -374,7 +374,7 @@ impl<'a> Update<'a> {
     }
 
     /// The samples beside those of the field before, and as targets.
-    fn into_seen(self) -> (Seen, Vec<SampleFrame>) {
+    fn into_parts(self) -> (Seen, Vec<SampleFrame>) {
         let mut same = vec![None; self.is_kept.len()];
         for (old, &now) in self.now.iter().enumerate().filter(|(_, now)| **now != NOWHERE) {
             same[now as usize] = self.is_kept[now as usize].then_some(old as u32);

@@ -1,6 +1,6 @@
 //! A flight under improvement: its waypoints with all that follows from them, kept up to date change by change.
 
-use std::collections::HashMap;
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -103,22 +103,11 @@ impl Flight {
 
     /// Takes over waypoints that this flight, or a copy of it over the same ground, had before. Only sights that are not in both are counted.
     pub fn go_back(&mut self, ground: &Ground, waypoints: Vec<Waypoint>) {
-        let sights = |waypoints: &[Waypoint]| -> Vec<Arc<Sights>> {
-            waypoints.iter().flat_map(|Waypoint { seen, leg, .. }| [seen, leg]).cloned().collect()
-        };
-        let (now, then) = (sights(&self.waypoints), sights(&waypoints));
-        // How many more of each there were then.
-        let mut more: HashMap<*const Sights, i32> = HashMap::new();
-        now.iter().for_each(|sights| *more.entry(Arc::as_ptr(sights)).or_default() -= 1);
-        then.iter().for_each(|sights| *more.entry(Arc::as_ptr(sights)).or_default() += 1);
-        let mut is_over = |sights: &Arc<Sights>, sign: i32| {
-            let more = more.entry(Arc::as_ptr(sights)).or_default();
-            let is_over = *more * sign > 0;
-            *more -= if is_over { sign } else { 0 };
-            is_over
-        };
-        now.iter().filter(|sights| is_over(sights, -1)).for_each(|sights| self.counts.remove(sights));
-        then.iter().filter(|sights| is_over(sights, 1)).for_each(|sights| self.counts.add(sights));
+        // What an image or a leg sees belongs to one waypoint; but for nothing, which counts for nothing.
+        let [now, then] = [&self.waypoints, &waypoints].map(|waypoints| waypoints.iter().flat_map(|one| [&one.seen, &one.leg]));
+        let [are_now, were_then] = [&now, &then].map(|all| all.clone().map(Arc::as_ptr).collect::<HashSet<_>>());
+        now.filter(|sights| !were_then.contains(&Arc::as_ptr(sights))).for_each(|sights| self.counts.remove(sights));
+        then.filter(|sights| !are_now.contains(&Arc::as_ptr(sights))).for_each(|sights| self.counts.add(sights));
         self.journal = Journal::default();
         self.arrange(ground, waypoints);
     }

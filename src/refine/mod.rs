@@ -136,6 +136,9 @@ pub fn refine(
             annealing.move_to(levels.ground(level));
         }
         annealing.round(temperature_s(ground, task, done, rounds) * 1e9);
+        if stop.is_abandoned() {
+            break;
+        }
         done += 1;
         convergence.push(annealing.record());
         if let Budget::Until(until_s) = budget

@@ -110,8 +110,7 @@ impl<'a> Caster<'a> {
 
     /// Sample `i` if it lies on the outside of the scene.
     pub fn sample(&self, i: usize) -> Option<SampleFrame> {
-        let row = &self.samples[i];
-        (row.exposed != 0).then(|| SampleFrame::new(row.position_m.into(), row.normal.into()))
+        (self.samples[i].exposed != 0).then(|| self.snapshot.frames()[i])
     }
 
     /// Where the lines of sight to a sample end.

@@ -303,16 +303,14 @@ impl Link {
             ..Header::new(Kind::Request)
         };
         memory::check_message_room(std::mem::size_of::<WireBlock>() * frame::blocks(body.len(), bulk.len()))?;
-        let mut sample = match carrier.unwrap_or(&self.requests).loan_slice_uninit(frame::blocks(body.len(), bulk.len())) {
-            Ok(sample) => sample,
+        let lent = match carrier.unwrap_or(&self.requests).loan_slice_uninit(frame::blocks(body.len(), bulk.len())) {
+            Ok(lent) => lent,
             // The daemon has not yet given earlier messages back: it will be reminded.
             Err(LoanError::OutOfMemory | LoanError::ExceedsMaxLoans) => return Ok(()),
             Err(error) => return Err(ClientError::Send(error.to_string())),
         };
-        memory::populate(sample.payload_mut())?;
+        let mut sample = memory::provide(lent)?;
         *sample.user_header_mut() = header;
-        // SAFETY: the kernel has provided every page of the mapping, zero or with what was sent from there before.
-        let mut sample = unsafe { sample.assume_init() };
         frame::fill(WireBlock::blocks_mut(sample.payload_mut()), &body, bulk);
         sample.send().map_err(|error| ClientError::Send(error.to_string()))?;
         self.ring

@@ -3,6 +3,7 @@
 use std::mem::MaybeUninit;
 
 use crate::header::WireBlock;
+use crate::service::{BlockLoan, BlockLoanUninit};
 
 /// Why memory could not be had.
 #[derive(Debug, thiserror::Error)]
@@ -27,7 +28,7 @@ pub enum MemoryError {
 const MARGIN_BYTES: u64 = 1 << 20;
 
 /// Checks that /dev/shm has room for `bytes` and a little more, before ports or tables are made. It may be gone a moment later;
-/// [`populate`] is what makes sure.
+/// [`provide`] is what makes sure.
 pub fn check_room(bytes: usize) -> Result<(), MemoryError> {
     check_free(bytes, MARGIN_BYTES)
 }
@@ -46,9 +47,17 @@ fn check_free(bytes: usize, margin_bytes: u64) -> Result<(), MemoryError> {
     Err(MemoryError::Full { bytes, cause: rustix::io::Errno::NOSPC })
 }
 
+/// Memory that was lent by a publisher, all of it there to be written. It holds what was sent from there before, or zeroes: who writes into it leaves
+/// nothing out.
+pub fn provide(mut lent: BlockLoanUninit) -> Result<BlockLoan, MemoryError> {
+    populate(lent.payload_mut())?;
+    // SAFETY: a mapping of shared memory always holds bytes, whoever wrote them or nobody, and every byte pattern is a block.
+    Ok(unsafe { lent.assume_init() })
+}
+
 /// Makes the kernel provide every page under `blocks` now. A sparse shared-memory file gets its pages on the first write, and when
 /// /dev/shm is full that write kills the process; here the same fault is an error.
-pub fn populate(blocks: &mut [MaybeUninit<WireBlock>]) -> Result<(), MemoryError> {
+fn populate(blocks: &mut [MaybeUninit<WireBlock>]) -> Result<(), MemoryError> {
     // SAFETY: the same memory, byte by byte.
     populate_bytes(unsafe { std::slice::from_raw_parts_mut(blocks.as_mut_ptr().cast(), std::mem::size_of_val(blocks)) })
 }

@@ -4,6 +4,7 @@
 //! Only publish/subscribe and events are used, and no service is limited to one publisher or subscriber, because that is what a
 //! network tunnel can carry.
 
+use std::mem::MaybeUninit;
 use std::time::Duration;
 
 use iceoryx2::node::NodeCreationFailure;
@@ -13,6 +14,8 @@ use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
+use iceoryx2::sample_mut::SampleMut;
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
@@ -28,6 +31,8 @@ pub type EventService = event::PortFactory<Ipc>;
 pub type BlockPublisher = Publisher<Ipc, [WireBlock], Header>;
 pub type BlockSubscriber = Subscriber<Ipc, [WireBlock], Header>;
 pub type BlockSample = Sample<Ipc, [WireBlock], Header>;
+pub type BlockLoan = SampleMut<Ipc, [WireBlock], Header>;
+pub type BlockLoanUninit = SampleMutUninit<Ipc, [MaybeUninit<WireBlock>], Header>;
 pub type EventListener = Listener<Ipc>;
 pub type EventNotifier = Notifier<Ipc>;
 

@@ -1,7 +1,6 @@
 //! One large field, published the way the daemon publishes them, without a scene behind it.
 
 use std::io::Read;
-use std::mem::MaybeUninit;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -72,14 +71,13 @@ fn segment(domain: &Domain) -> SegmentFile {
 }
 
 fn publish(publisher: &BlockPublisher, counts: &FieldCounts, segments: &[SegmentFile]) {
-    let mut sample = publisher.loan_slice_uninit(counts.blocks()).expect("room for the table");
-    memory::populate(sample.payload_mut()).expect("memory for the table");
-    sample.payload_mut().fill(MaybeUninit::new(WireBlock(Block::ZERO)));
+    let lent = publisher.loan_slice_uninit(counts.blocks()).expect("room for the table");
+    let mut sample = memory::provide(lent).expect("memory for the table");
     let bulk_bytes = (counts.blocks() * Block::BYTES) as u64;
     *sample.user_header_mut() = Header { instance: INSTANCE, epoch: 1, bulk_bytes, ..Header::new(Kind::Field) };
-    // SAFETY: every block was written just now.
-    let mut sample = unsafe { sample.assume_init() };
-    let table = FieldTableMut::create(WireBlock::blocks_mut(sample.payload_mut()), counts, FieldFacts::default());
+    let blocks = WireBlock::blocks_mut(sample.payload_mut());
+    blocks.fill(Block::ZERO);
+    let table = FieldTableMut::create(blocks, counts, FieldFacts::default());
     for (tile, segment) in table.tiles.iter_mut().zip(segments) {
         *tile = TileRow { number: segment.number(), patches: 1, rows: 1, ..Default::default() };
     }

@@ -25,6 +25,9 @@ pub enum Phase {
 pub struct Removed {
     pub id: String,
     pub name: String,
+    /// The daemon that has it removed, and no other one.
+    #[serde(skip)]
+    pub instance: u64,
 }
 
 /// The status line of a page.
@@ -35,6 +38,17 @@ pub struct Status {
     pub remark: Option<String>,
     pub revision: Option<u64>,
     pub removed: Vec<Removed>,
+}
+
+impl Status {
+    /// Takes the daemon's word on the scene. What stood in one that was loaded anew, or with another daemon, is nothing to be put back.
+    pub fn hear(&mut self, instance: u64, revision: u64) {
+        if self.revision.is_some_and(|before| revision < before) {
+            self.removed.clear();
+        }
+        self.removed.retain(|removed| removed.instance == instance);
+        self.revision = Some(revision);
+    }
 }
 
 /// A message, as it is written to every stream, and its number.
@@ -121,6 +135,22 @@ mod tests {
 
     fn texts(view: &View, status: u64, shown: u64) -> Vec<String> {
         view.newer_than(status, shown).map(|event| String::from_utf8(event.to_vec()).unwrap()).collect()
+    }
+
+    #[test]
+    fn what_was_removed_can_be_put_back_as_long_as_the_scene_is_the_one_it_stood_in() {
+        let removed = |instance| Removed { id: format!("{instance:016x}"), name: "mill".into(), instance };
+        let mut status = Status { phase: Phase::Connecting, remark: None, revision: None, removed: vec![removed(1)] };
+        let mut left = |instance, revision| {
+            status.hear(instance, revision);
+            status.removed.len()
+        };
+        // The daemon's first word may come after the edit's answer, and be of before the edit.
+        assert_eq!((left(1, 1), left(1, 2), left(1, 2)), (1, 1, 1));
+        assert_eq!(left(1, 1), 0, "loaded anew");
+        status.removed = vec![removed(1), removed(2)];
+        status.hear(2, 7);
+        assert_eq!(status.removed, [removed(2)], "the other daemon is gone");
     }
 
     #[test]

@@ -64,8 +64,8 @@ struct Desk {
     scene: String,
     board: Arc<Board>,
     client: Option<Client>,
-    /// By id what stood there, and how it was called.
-    removed: HashMap<String, (String, ShapeOrder)>,
+    /// What stood there, by its id.
+    removed: HashMap<String, (Removed, ShapeOrder)>,
 }
 
 impl Desk {
@@ -115,15 +115,15 @@ impl Desk {
         let before = standing(client, &self.scene, &structure).ok().flatten();
         let edited = client.edit(&self.scene, &EditOrder::Remove { structure })?;
         let is_kept = before.is_some() && self.removed.len() < MOST_REMOVED;
-        if let Some((id, name, shape)) = before.filter(|_| is_kept) {
-            self.removed.insert(id, (name, shape));
+        if let Some((structure, shape)) = before.filter(|_| is_kept) {
+            self.removed.insert(structure.id.clone(), (structure, shape));
             self.tell_removed();
         }
         Ok(answer(&edited, is_kept))
     }
 
     fn restore(&mut self, client: &Client, structure: &str) -> Result<Value, ClientError> {
-        let Some((name, shape)) = self.removed.get(structure).cloned() else {
+        let Some((Removed { name, .. }, shape)) = self.removed.get(structure).cloned() else {
             let message =
                 format!("{structure:?} was not removed from here, or cannot be put back; `overfly edit {} add` can", self.scene);
             return Err(ClientError::Refused { code: RefusalCode::UnknownStructure, message });
@@ -135,8 +135,7 @@ impl Desk {
     }
 
     fn tell_removed(&self) {
-        let mut removed: Vec<Removed> =
-            self.removed.iter().map(|(id, (name, _))| Removed { id: id.clone(), name: name.clone() }).collect();
+        let mut removed: Vec<Removed> = self.removed.values().map(|(structure, _)| structure.clone()).collect();
         removed.sort_by(|a, b| (&a.name, &a.id).cmp(&(&b.name, &b.id)));
         self.board.tell(|status| status.removed = removed);
     }
@@ -151,8 +150,8 @@ fn answer(edited: &Edited, can_be_restored: bool) -> Value {
     })
 }
 
-/// A structure as it could be added again: id, name and shape. `None` where its outline and heights are not all of it.
-fn standing(client: &Client, scene: &str, structure: &str) -> Result<Option<(String, String, ShapeOrder)>, ClientError> {
+/// A structure as it could be added again. `None` where its outline and heights are not all of it.
+fn standing(client: &Client, scene: &str, structure: &str) -> Result<Option<(Removed, ShapeOrder)>, ClientError> {
     let structures = client.structures(scene)?;
     let is_id = |id: u64| u64::from_str_radix(structure, 16) == Ok(id);
     let named = structures.iter().find(|info| info.name == structure);
@@ -161,7 +160,8 @@ fn standing(client: &Client, scene: &str, structure: &str) -> Result<Option<(Str
         return Ok(None);
     }
     let map = client.field(scene)?;
-    Ok(prism(&map.table(), info.id).map(|shape| (format!("{:016x}", info.id), info.name.clone(), shape)))
+    let removed = Removed { id: format!("{:016x}", info.id), name: info.name.clone(), instance: map.instance() };
+    Ok(prism(&map.table(), info.id).map(|shape| (removed, shape)))
 }
 
 /// A prism over one ring.

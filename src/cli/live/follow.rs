@@ -30,9 +30,8 @@ enum Parting {
 /// Follows a scene on a thread of its own until the program ends.
 pub fn start(domain: Domain, scene: String, board: Arc<Board>) -> std::io::Result<()> {
     let follow = move || {
-        let mut known = None;
         loop {
-            let Err(parting) = attend(&domain, &scene, &board, &mut known);
+            let Err(parting) = attend(&domain, &scene, &board);
             let (phase, remark) = match parting {
                 // Whatever it was that failed, a page is to say what it means.
                 Parting::Lost(cause) => (Phase::Lost, format!("the contact to the daemon is lost: {cause}")),
@@ -45,12 +44,12 @@ pub fn start(domain: Domain, scene: String, board: Arc<Board>) -> std::io::Resul
     std::thread::Builder::new().name("plans".into()).spawn(follow).map(drop)
 }
 
-fn attend(domain: &Domain, scene: &str, board: &Board, known: &mut Option<u64>) -> Result<std::convert::Infallible, Parting> {
+fn attend(domain: &Domain, scene: &str, board: &Board) -> Result<std::convert::Infallible, Parting> {
     let client = Client::connect(domain, CONNECT)?;
     let watch = client.watch(scene)?;
     let feed = client.status_feed()?;
     let mut follower =
-        Follower { client: &client, scene, board, stage: Stage::default(), known, instance: None, owed: None, unshown: None };
+        Follower { client: &client, scene, board, stage: Stage::default(), instance: None, owed: None, unshown: None };
     // The plan that was published before anybody looked.
     match client.publish_again(scene) {
         Ok(_) => {}
@@ -67,9 +66,7 @@ struct Follower<'a> {
     scene: &'a str,
     board: &'a Board,
     stage: Stage,
-    /// The daemon that was heard last, to which what was removed belongs.
-    known: &'a mut Option<u64>,
-    /// The one that this client found.
+    /// The daemon that this client found.
     instance: Option<u64>,
     /// A plan of which only the path is shown so far, and since when.
     owed: Option<(PlanMessage, Instant)>,
@@ -145,14 +142,10 @@ impl Follower<'_> {
         if scene.state == SceneState::Idle && scene.plan.as_ref().is_none_or(|plan| plan.is_stale) {
             self.show_scene()?;
         }
-        let is_other = self.known.replace(status.instance) != Some(status.instance);
+        let instance = status.instance;
         self.board.tell(|status| {
-            // What stood in a scene that was loaded anew is nothing to be put back.
-            if is_other || status.revision.is_some_and(|before| scene.revision < before) {
-                status.removed.clear();
-            }
+            status.hear(instance, scene.revision);
             status.phase = phase(scene);
-            status.revision = Some(scene.revision);
             status.remark = self.unshown.clone().or_else(|| scene.remark.clone());
         });
         Ok(())

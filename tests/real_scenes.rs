@@ -218,6 +218,21 @@ fn real_scene_refined_flights_reach_their_goals() {
     }
 }
 
+/// A flight over a city takes more images than the counter of a cell holds, 2^14: they do not end the search.
+#[test]
+fn real_scene_tokyo_is_flown_whole() {
+    let Some(path) = real_scene("tokyo-2km/buildings.geojson") else { return };
+    let mut settings = Settings::default();
+    (settings.surface.samples, settings.field.viewpoints) = (20_000, 20_000);
+    let bytes = std::fs::read(&path).expect("the scene can be read");
+    let (scene, _) = overfly::scene::read("tokyo.geojson", &bytes, &settings.proxy).expect("a real town can be imported");
+    let snapshot = snapshot(&session(scene, &settings));
+    let options = PlanOptions { method: Method::Refined, ..options(1, 120) };
+    let plan = plan(&snapshot, &settings, &options, &StopToken::default(), &mut |_| {}).expect("a city can be flown");
+    println!("tokyo-2km: captured {:.1} %, {} images", plan.metrics.coverage_percent, plan.images.len());
+    assert!(plan.images.len() > 1 << 14 && plan.metrics.coverage_percent > 80.0);
+}
+
 #[test]
 fn real_scene_delfshaven_by_oblique_photography() {
     let of = |rig| PlanOptions { method: Method::Oblique, ..rig_options(rig, 1, 1) };

@@ -39,15 +39,16 @@ pub struct Totals {
 struct SampleCounts {
     covered: Mask,
     /// Planes that ever were in use.
-    used: usize,
+    used: u32,
+    views: u32,
     planes: [Mask; PLANES],
 }
 
 /// A cell counts up to 2^14 - 1 views.
 const PLANES: usize = 14;
 
-/// Images that the counters can hold.
-const MOST_IMAGES: usize = (1 << PLANES) - 1;
+/// Views of a sample with which its counters are full: half of what they can hold, so that there is room for the changes of other workers in a round.
+const FULL: usize = 1 << (PLANES - 1);
 
 impl CellCounts {
     /// `thresholds` in cells, by sample, and the area that each stands for.
@@ -100,9 +101,11 @@ impl CellCounts {
         self.thresholds[sample] < Mask::BITS && self.cells(sample) <= self.thresholds[sample]
     }
 
-    /// Whether the counters cannot hold so many images more.
-    pub fn is_full(&self, more: usize) -> bool {
-        self.images + more > MOST_IMAGES
+    /// Whether some sample has too many views to be counted with these as well. A flight over a city may have any number of images.
+    pub fn is_full<'s>(&self, more: impl Iterator<Item = &'s Sights> + Clone) -> bool {
+        let images: usize = more.clone().map(Sights::images).sum();
+        // No sample has more views than there are images.
+        self.images + images > FULL && more.flat_map(Sights::masks).any(|(i, _)| self.samples[i].views as usize + images > FULL)
     }
 
     /// Adds what images see.
@@ -129,7 +132,8 @@ fn add_kernel(samples: &mut [SampleCounts], thresholds: &[u32], areas_mm2: &[u64
             carry = both;
             k += 1;
         }
-        counts.used = counts.used.max(k);
+        counts.views += 1;
+        counts.used = counts.used.max(k as u32);
         let before = counts.covered;
         counts.covered |= mask;
         if counts.covered != before {
@@ -149,8 +153,9 @@ fn remove_kernel(samples: &mut [SampleCounts], thresholds: &[u32], areas_mm2: &[
             borrow = missing;
             k += 1;
         }
+        counts.views -= 1;
         let before = counts.covered;
-        counts.covered = counts.planes[..counts.used].iter().fold(0, |covered, plane| covered | plane);
+        counts.covered = counts.planes[..counts.used as usize].iter().fold(0, |covered, plane| covered | plane);
         if counts.covered != before {
             totals.change(before, counts.covered, thresholds[i], areas_mm2[i]);
         }
@@ -179,6 +184,28 @@ mod tests {
 
     use super::*;
     use crate::coverage::Bearing;
+
+    /// An image that sees one sample.
+    fn image(sample: u32, mask: Mask) -> Sights {
+        let mut seen: Sights = [(sample, mask, Bearing::default())].into_iter().collect();
+        seen.begin_image();
+        seen
+    }
+
+    #[test]
+    fn a_flight_may_have_any_number_of_images_as_long_as_no_sample_is_in_too_many() {
+        let mut counts = CellCounts::new([0, 0].as_slice().into(), [1, 1].as_slice().into());
+        let [one, other] = [0, 1].map(|sample| image(sample, 1));
+        (0..FULL - 1).for_each(|_| counts.add(&one));
+        assert!(!counts.is_full(std::iter::once(&one)) && counts.is_full([&one, &one].into_iter()));
+        (0..2 * FULL).for_each(|_| counts.add(&image(1, 0)));
+        counts.add(&one);
+        assert!(counts.is_full(std::iter::once(&one)) && counts.is_full(std::iter::once(&other)));
+        (0..2 * FULL).for_each(|_| counts.remove(&image(1, 0)));
+        assert!(!counts.is_full(std::iter::once(&other)) && counts.is_full([&other, &one].into_iter()));
+        (0..FULL).for_each(|_| counts.remove(&one));
+        assert_eq!(counts.totals(), Totals::default());
+    }
 
     proptest! {
         #[test]

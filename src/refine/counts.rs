@@ -30,8 +30,8 @@ impl Counts {
         Worth { captured: self.cells.countable(), matched: self.matches.countable() }
     }
 
-    /// Whether the counters cannot hold so many images more.
-    pub fn is_full(&self, more: usize) -> bool {
+    /// Whether some sample has too many views to be counted with these as well.
+    pub fn is_full<'s>(&self, more: impl Iterator<Item = &'s Sights> + Clone) -> bool {
         self.cells.is_full(more)
     }
 

@@ -76,13 +76,17 @@ impl Flight {
         Self::of_waypoints(ground, (0..path.len()).into_par_iter().map(waypoint).collect())
     }
 
-    /// A flight whose waypoints see what they say.
-    pub fn of_waypoints(ground: &Ground, waypoints: Vec<Waypoint>) -> Self {
+    /// A flight whose waypoints see what they say, as far as it can be counted.
+    pub fn of_waypoints(ground: &Ground, mut waypoints: Vec<Waypoint>) -> Self {
         let mut counts = ground.counts();
         // Of an abandoned flight nothing is taken away again that was not counted: no change is tried any more.
-        for Waypoint { seen, leg, .. } in waypoints.iter().take_while(|_| !ground.stop.is_abandoned()) {
-            counts.add(seen);
-            counts.add(leg);
+        for Waypoint { seen, leg, .. } in waypoints.iter_mut().take_while(|_| !ground.stop.is_abandoned()) {
+            for sights in [seen, leg] {
+                if counts.is_full(std::iter::once(sights.as_ref())) {
+                    *sights = Arc::clone(&ground.nothing);
+                }
+                counts.add(sights);
+            }
         }
         let path: Vec<Pose> = waypoints.iter().map(|waypoint| waypoint.pose).collect();
         let timeline = Timeline::new(ground.limits, &path);
@@ -157,7 +161,7 @@ impl Flight {
         dropped.iter().for_each(|sights| counts.cells.remove(sights));
         let mut made = Sighted::made(ground, &draft, Look::Field);
         trial.views += dropped.views() + made.views();
-        if counts.is_full(made.iter().map(Sights::images).sum()) {
+        if counts.is_full(made.iter()) {
             dropped.iter().for_each(|sights| counts.cells.add(sights));
             return trial;
         }
@@ -336,11 +340,11 @@ impl Sighted {
         self.iter().map(Sights::len).sum()
     }
 
-    fn iter(&self) -> impl Iterator<Item = &Sights> {
+    fn iter(&self) -> impl Iterator<Item = &Sights> + Clone {
         self.shared().map(Arc::as_ref)
     }
 
-    fn shared(&self) -> impl Iterator<Item = &Arc<Sights>> {
+    fn shared(&self) -> impl Iterator<Item = &Arc<Sights>> + Clone {
         self.waypoints.iter().chain(&self.legs).map(|(_, sights)| sights)
     }
 

@@ -24,6 +24,7 @@ use crate::refine::{self, Aim, Budget, Counting, Ground, Task, Worth};
 use crate::search::leg::headed;
 use crate::search::{Problem, Wanted};
 use crate::settings::Settings;
+use crate::stop::free_behind;
 use crate::trajectory::plan::{Plan, StopReason};
 use crate::trajectory::record::Record;
 use crate::trajectory::route::Found;
@@ -249,8 +250,11 @@ fn refined(
         }
     };
     let task = Task { aim, budget, seed: options.seed, is_resumed };
-    let confirm = &mut |path: &[Pose]| if is_resumed { interim.confirmed(path) } else { order.confirmed(path) };
+    let mut looked = None;
+    let confirm =
+        &mut |path: &[Pose]| if is_resumed { interim.confirmed(path) } else { order.confirmed_beside(path, &mut looked) };
     let mut outcome = refine::refine(&ground, &path, &task, confirm, on_progress);
+    free_behind(looked);
     if let Some(within_s) = order.within_s() {
         let least_s = order.profile(&outcome.path).duration_s();
         match home {

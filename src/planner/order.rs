@@ -13,7 +13,7 @@ use crate::search::{Outcome, Problem, Progress, search};
 use crate::settings::Settings;
 use crate::stop::StopToken;
 use crate::trajectory::egress::Egress;
-use crate::trajectory::evaluate::{self, Capture};
+use crate::trajectory::evaluate::Capture;
 use crate::trajectory::images::Exposed;
 use crate::trajectory::known::{Known, SafeFlight, Scope};
 use crate::trajectory::limits::Limits;
@@ -220,6 +220,11 @@ impl Order<'_> {
 
     /// What a finished path is really worth, by exact rays from its images; of a flight that begins in the air the part that is searched.
     pub fn confirmed(&self, path: &[Pose]) -> Confirmed {
+        self.confirmed_beside(path, &mut None)
+    }
+
+    /// The same where another path may have been looked at before: only images that are new are looked at.
+    pub fn confirmed_beside(&self, path: &[Pose], looked: &mut Option<Record>) -> Confirmed {
         let Self { snapshot, problem, stop, .. } = *self;
         if self.check_wanted().is_err() {
             return Confirmed { worth: Worth::default(), duration_s: f64::INFINITY };
@@ -227,8 +232,12 @@ impl Order<'_> {
         let route = self.whole_route(Route::continuous(path, &problem.rig, problem.spacing));
         let (_, profile) = self.timed(&route.waypoints, &self.limits());
         let Exposed { images, .. } = images::expose(&route, &problem.rig, &profile);
-        let worth = evaluate::sightings(snapshot, &problem.disks, &images, stop).map_or(Worth::default(), |sightings| {
-            let Capture { captured, matched, .. } = sightings.capture(problem, |_| true);
+        *looked = match looked.take() {
+            None => Record::new(snapshot, problem, &images, stop),
+            Some(before) => before.beside(snapshot, problem, &images, stop),
+        };
+        let worth = looked.as_ref().map_or(Worth::default(), |record| {
+            let Capture { captured, matched, .. } = record.capture(problem);
             Worth { captured, matched }
         });
         Confirmed { worth, duration_s: profile.duration_s() - self.before_s() }

@@ -4,6 +4,7 @@ use nalgebra::Point3;
 use overfly_table::field::SampleRow;
 use rayon::prelude::*;
 
+use super::places::Places;
 use super::plan::Image;
 use crate::camera::View;
 use crate::coverage::{Bearing, DiskModel, Information, Mask, MatchedViews, SampleFrame};
@@ -56,13 +57,13 @@ pub struct Tally {
 /// Casts every line of sight between the images and the exposed samples, in parallel over samples. `None` when abandoned.
 pub fn sightings(snapshot: &Snapshot, disks: &DiskModel, images: &[Image], stop: &StopToken) -> Option<Sightings> {
     let caster = Caster::new(snapshot, disks, images);
-    let strip = Strip::new(images.iter().map(|image| image.position_m).enumerate());
+    let places = Places::new((0..).zip(images.iter().map(|image| image.position_m)), disks.range_m());
     let rows = (0..caster.samples.len()).into_par_iter().map(|i| {
         if stop.is_abandoned() {
             return None;
         }
         let Some(sample) = caster.sample(i) else { return Some(Vec::new()) };
-        let near = strip.within(sample.position.x, disks.range_m());
+        let near = places.within(&sample.position);
         Some(caster.seen_by(&sample, &near).collect())
     });
     let rows: Vec<Option<Vec<Sighting>>> = rows.collect();
@@ -71,26 +72,6 @@ pub fn sightings(snapshot: &Snapshot, disks: &DiskModel, images: &[Image], stop:
         return None;
     }
     rows.into_iter().collect::<Option<_>>().map(Sightings)
-}
-
-/// Places from west to east, so that a sample need not look at those of the whole town.
-pub struct Strip(Vec<(f64, usize)>);
-
-impl Strip {
-    pub fn new(places: impl Iterator<Item = (usize, Point3<f64>)>) -> Self {
-        let mut places: Vec<_> = places.map(|(index, place)| (place.x, index)).collect();
-        places.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        Self(places)
-    }
-
-    /// The places no farther than `range_m` to the east or west, in their order.
-    pub fn within(&self, x_m: f64, range_m: f64) -> Vec<usize> {
-        let reach_m = range_m * (1.0 + 1e-9);
-        let [from, to] = [x_m - reach_m, x_m + reach_m].map(|x_m| self.0.partition_point(|place| place.0 < x_m));
-        let mut near: Vec<usize> = self.0[from..to].iter().map(|place| place.1).collect();
-        near.sort_unstable();
-        near
-    }
 }
 
 /// Casts lines of sight between images and samples.

@@ -7,6 +7,7 @@ pub mod evaluate;
 pub mod images;
 pub mod known;
 pub mod limits;
+pub mod places;
 pub mod plan;
 pub mod profile;
 pub mod record;

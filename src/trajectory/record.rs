@@ -6,11 +6,12 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use nalgebra::{Point3, distance_squared};
+use nalgebra::distance_squared;
 use rayon::prelude::*;
 
-use super::evaluate::{Capture, Caster, Sighting, Sightings, Strip, Tally};
+use super::evaluate::{Capture, Caster, Sighting, Sightings, Tally};
 use super::known::{Known, SafeFlight};
+use super::places::Places;
 use super::plan::Image;
 use crate::camera::Rig;
 use crate::coverage::Information;
@@ -198,10 +199,9 @@ impl Record {
 struct Recast<'a> {
     caster: Caster<'a>,
     /// All images, those that are new, and the places of those that are no more.
-    all: Strip,
-    new: Strip,
-    gone: Strip,
-    gone_at: Vec<Point3<f64>>,
+    all: Places,
+    new: Places,
+    gone: Places,
     is_gone: Vec<bool>,
     /// The slot of each image, and the image in each slot.
     slots: Vec<u32>,
@@ -248,14 +248,13 @@ impl<'a> Recast<'a> {
             (bounds, (0..images.len()).filter(is_near).collect())
         };
         let places = |is_in: &dyn Fn(usize) -> bool| {
-            Strip::new((0..images.len()).filter(|&k| is_in(k)).map(|k| (k, images[k].position_m)))
+            Places::new((0..).zip(images).filter(|&(k, _)| is_in(k as usize)).map(|(k, image)| (k, image.position_m)), reach_m)
         };
         Self {
             caster: Caster::new(snapshot, &problem.disks, images),
             all: places(&|_| true),
             new: places(&|k| found[k].is_none()),
-            gone: Strip::new(gone_at.iter().copied().enumerate()),
-            gone_at,
+            gone: Places::new((0..).zip(gone_at), reach_m),
             is_gone,
             in_slot,
             beside: changes.iter().flat_map(|changes| changes.differences.boxes()).map(beside).collect(),
@@ -268,7 +267,7 @@ impl<'a> Recast<'a> {
     /// What a new sample is seen by. Nothing is as before.
     fn anew(&self, i: usize, list: &mut Vec<Sighting>) -> bool {
         if let Some(sample) = self.caster.sample(i) {
-            let near = self.all.within(sample.position.x, self.reach_m);
+            let near = self.all.within(&sample.position);
             list.extend(self.caster.seen_by(&sample, &near).map(|one| self.slotted(one)));
         }
         false
@@ -278,10 +277,8 @@ impl<'a> Recast<'a> {
     fn again(&self, i: usize, list: &mut Vec<Sighting>) -> bool {
         let Some(sample) = self.caster.sample(i) else { return true };
         let (place, end) = (sample.position, self.caster.end(&sample));
-        let is_near = |p: &Point3<f64>| distance_squared(p, &place) <= self.reach_m * self.reach_m;
         let position = |k: usize| &self.caster.images[k].position_m;
-        let mut again = self.new.within(place.x, self.reach_m);
-        again.retain(|&k| is_near(position(k)));
+        let mut again = self.new.within(&place);
         for ((bounds, beside), exchange) in self.beside.iter().flat_map(|beside| Some((beside, self.exchange?))) {
             if bounds.distance_squared(&place) > self.reach_m * self.reach_m {
                 continue;
@@ -298,8 +295,7 @@ impl<'a> Recast<'a> {
                 again.extend(shown.filter(|&k| exchange.may_change(true, position(k), &end)));
             }
         }
-        let has_gone = self.gone.within(place.x, self.reach_m).into_iter().any(|k| is_near(&self.gone_at[k]));
-        if again.is_empty() && !has_gone {
+        if again.is_empty() && !self.gone.is_any_within(&place) {
             return true;
         }
         again.sort_unstable();

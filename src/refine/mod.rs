@@ -85,12 +85,13 @@ const RESERVE: f64 = 0.05;
 /// How often it is looked at what the flight really captures: after shares of the rounds, as far as all samples count in them, then at the end, as long
 /// as samples are missing and with more rounds each time: such a share of all, then twice as many, and so on.
 const CALIBRATIONS: [f64; 3] = [0.5, 0.75, 0.9];
-/// A flight that goes on with an earlier one is looked at sooner, for whoever flies that one.
-const EARLY_LOOKS: [f64; 2] = [0.1, 0.25];
+/// A flight that goes on with an earlier one is looked at sooner, for whoever flies that one, but not before so many rounds.
+const EARLY_LOOKS: [f64; 5] = [0.05, 0.1, 0.175, 0.25, 0.35];
+const LEAST_BEFORE_LOOK: u32 = 4;
 const REPAIRS: u32 = 6;
 const REPAIR_SHARE: f64 = 0.02;
-/// A flight that goes on with an earlier one is mended before it is warmed: what the edit took is mostly had again after a few cold rounds, long before
-/// the annealing is over. Whoever flies it waits for that, so that it is looked at after one round, and one more after every so many looks.
+/// A flight that goes on with an earlier one is mended first: what the edit took is mostly had again after a few cold rounds, long before the annealing is
+/// over. Whoever flies it waits for that, so that it is looked at after one round, and one more after every so many looks.
 const MENDS: u32 = 8;
 const MENDS_PER_ROUND: u32 = 3;
 
@@ -123,6 +124,8 @@ pub fn refine(
     };
     if is_resumed {
         annealing.price_as_late();
+        // What the flight really captures is known already: no more is demanded than that takes.
+        annealing.calibrate(&confirm(&annealing.best().path), false);
         let mut mending = Mending { aim, stop, confirm: &mut *confirm, on_round: &mut |record| tell(record, 0, rounds) };
         mending.mend(&mut annealing, MENDS, |attempt| (1 + attempt / MENDS_PER_ROUND).min(rounds));
     }
@@ -149,10 +152,9 @@ pub fn refine(
         }
         tell(annealing.record(), done, rounds);
         let is_at = |shares: &[f64]| shares.iter().any(|share| done == (f64::from(rounds) * share) as u32);
-        if level == levels.last() && done > hot_rounds(rounds) && is_at(&CALIBRATIONS) {
+        let is_due = level == levels.last() && done > hot_rounds(rounds) && is_at(&CALIBRATIONS);
+        if is_due || is_resumed && done >= LEAST_BEFORE_LOOK && is_at(&EARLY_LOOKS) {
             annealing.calibrate(&confirm(&annealing.best().path), false);
-        } else if is_resumed && is_at(&EARLY_LOOKS) {
-            confirm(&annealing.best().path);
         }
     }
 

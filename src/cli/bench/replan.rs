@@ -73,6 +73,7 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     };
     received::while_receiving(own.domain(), &loaded.scene, make_edits)?;
     let resident_mb = client.status()?.resident_mb;
+    let (images, captured_percent) = (latest.table().images.len(), latest.table().facts.metrics.coverage_percent);
     own.stop(client)?;
     meter.stage("the field anew");
     let [update_ms, rebuild_ms] = field::update_and_rebuild_ms(&arguments.file, &bytes, &settings, arguments.repeat)?;
@@ -85,6 +86,8 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
         ("samples", json!(loaded.samples)),
         ("viewpoints", json!(loaded.viewpoints)),
         ("edits", json!(arguments.edits)),
+        ("images of the last plan", json!(images)),
+        ("captured percent", json!(captured_percent)),
         ("least coverage kept percent", json!(kept.fold(f64::INFINITY, f64::min))),
         ("field update over rebuild", json!(ratio)),
         ("daemon resident MB", json!(resident_mb)),

@@ -82,6 +82,8 @@ pub fn run(arguments: &BenchArgs, form: Form) -> Result<Report, Failure> {
     facts.extend([
         ("rig", json!(options.rig.name)),
         ("rounds", json!(rounds)),
+        ("images of the last plan", json!(made.plan.images.len())),
+        ("captured percent", json!(made.plan.metrics.coverage_percent)),
         ("after each edit", json!(rounds_after)),
         ("never as good", json!(never)),
     ]);

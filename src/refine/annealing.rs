@@ -53,6 +53,7 @@ impl Aim {
 }
 
 /// A flight under annealing with the best that it has been.
+#[derive(Clone)]
 pub struct Annealing<'a> {
     ground: &'a Ground<'a>,
     aim: Aim,

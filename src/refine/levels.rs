@@ -60,17 +60,18 @@ impl<'l, 'a> Levels<'l, 'a> {
         (f64::from(rounds) * self.end_share(level)) as u32
     }
 
-    /// What a round after the first `share` of all takes on average, as a multiple of one of those.
-    pub fn later_cost(&self, share: f64) -> f64 {
+    /// How long a round after the first `share` of all takes on average where one of the first level takes `first_s`; one of each level takes as
+    /// long as was measured, which is guessed where nothing was.
+    pub fn later_s(&self, share: f64, first_s: f64, measured_s: &[f64]) -> f64 {
         let cost = |level: usize| 1.0 - SAMPLES_SHARE + SAMPLES_SHARE / self.ground(level).stride as f64;
         let mut from = share;
-        let mut sum = 0.0;
+        let mut sum_s = 0.0;
         for level in 0..=self.last() {
             let to = self.end_share(level);
-            sum += (to - from) * cost(level);
+            sum_s += (to - from) * measured_s.get(level).copied().unwrap_or(first_s * cost(level) / cost(0));
             from = to;
         }
-        sum / (1.0 - share) / cost(0)
+        sum_s / (1.0 - share)
     }
 
     fn end_share(&self, level: usize) -> f64 {
@@ -102,11 +103,13 @@ mod tests {
             assert_eq!((0..=levels.last()).map(|level| levels.ground(level).stride).collect::<Vec<_>>(), strides);
             let ends: Vec<u32> = (0..=levels.last()).map(|level| levels.end(level, 100)).collect();
             assert!(ends.is_sorted() && ends.last() == Some(&100), "{ends:?}");
-            let later = levels.later_cost(0.1);
+            let later = levels.later_s(0.1, 1.0, &[]);
             assert!(
                 later >= 1.0 && later < strides[0] as f64 + 1e-9 && (strides.len() > 1) == (later > 1.0),
                 "{later} for {strides:?}"
             );
+            let measured = levels.later_s(0.1, 1.0, &vec![2.0; strides.len()]);
+            assert!((measured - 2.0).abs() < 1e-12, "{measured} for {strides:?}");
             // Where every sample counts for the objective, none is left out.
             assert_eq!(Levels::new(&ground, Aim::MostObjective).last(), 0);
         }

@@ -129,7 +129,7 @@ pub fn refine(
         let mut mending = Mending { aim, stop, confirm: &mut *confirm, on_round: &mut |record| tell(record, 0, rounds) };
         mending.mend(&mut annealing, MENDS, |attempt| (1 + attempt / MENDS_PER_ROUND).min(rounds));
     }
-    let mut pace = Pace::default();
+    let (mut pace, mut measured_s) = (Pace::default(), Vec::new());
     pace.note(0, stop.elapsed_s());
     let mut done = 0;
     while done < rounds && !stop.is_stopped() {
@@ -148,7 +148,13 @@ pub fn refine(
             && rounds == u32::MAX
         {
             pace.note(done, stop.elapsed_s());
-            rounds = pace.fitting(until_s, levels.later_cost(1.0 / f64::from(HOT_SHARE))).unwrap_or(u32::MAX);
+            let later_s = |measured_s: &[f64], first_s: f64| levels.later_s(1.0 / f64::from(HOT_SHARE), first_s, measured_s);
+            // Late enough that the flight has grown, and early enough that it is not decided yet.
+            if measured_s.is_empty() && pace.estimate(until_s, |s| later_s(&[], s)).is_some_and(|all| all / HOT_SHARE <= 2 * done)
+            {
+                measured_s = levels_s(&annealing, &levels, stop);
+            }
+            rounds = pace.fitting(until_s, |s| later_s(&measured_s, s)).unwrap_or(u32::MAX);
         }
         tell(annealing.record(), done, rounds);
         let is_at = |shares: &[f64]| shares.iter().any(|share| done == (f64::from(rounds) * share) as u32);
@@ -228,6 +234,24 @@ fn temperature_s(ground: &Ground, task: &Task, done: u32, rounds: u32) -> f64 {
     hottest * libm::pow(coldest / hottest, share)
 }
 
+/// How long a cold round takes on each level, s: tried on a copy of the flight. Nothing without a clock.
+fn levels_s(annealing: &Annealing, levels: &Levels, stop: &StopToken) -> Vec<f64> {
+    let round_s = |level: usize| {
+        let mut copy = annealing.clone();
+        if level > 0 {
+            copy.move_to(levels.ground(level));
+        }
+        let mut round = || {
+            copy.round(copy.coldest_ns());
+            stop.elapsed_s()
+        };
+        // The first one makes the copies for the workers.
+        let begun_s = round()?;
+        Some(round()? - begun_s)
+    };
+    (0..=levels.last()).map_while(round_s).collect()
+}
+
 /// How many of the rounds are hot.
 fn hot_rounds(rounds: u32) -> u32 {
     (rounds / HOT_SHARE).max(LEAST_HOT)
@@ -242,14 +266,20 @@ impl Pace {
         self.0.extend(now_s.filter(|_| done as usize == self.0.len()));
     }
 
-    /// All rounds that fit in until `until_s`, if the hot ones of them are over: as many as make just those the hot ones. Each of the others costs
-    /// `later_cost` times as much for the samples that count in it.
-    fn fitting(&self, until_s: f64, later_cost: f64) -> Option<u32> {
+    /// About how many rounds fit in until `until_s`, once enough are over to tell. `later_s` tells how long the others take on average where one of those with
+    /// as many samples as these takes so long.
+    fn estimate(&self, until_s: f64, later_s: impl Fn(f64) -> f64) -> Option<u32> {
         let done = u32::try_from(self.0.len().checked_sub(1)?).ok().filter(|&done| done >= LEAST_HOT)?;
         let (now_s, half) = (self.0[done as usize], done / 2);
-        let round_s = (now_s - self.0[half as usize]) / f64::from(done - half) * LATER_SHARE * later_cost;
+        let round_s = later_s((now_s - self.0[half as usize]) / f64::from(done - half) * LATER_SHARE);
         let left_s = until_s - (until_s - self.0[0]) * RESERVE - now_s;
-        let fitting = done + (left_s.max(0.0) / round_s.max(1e-6)).min(f64::from(MOST_ITERATIONS)) as u32;
+        Some(done + (left_s.max(0.0) / round_s.max(1e-6)).min(f64::from(MOST_ITERATIONS)) as u32)
+    }
+
+    /// All rounds that fit in, if the hot ones of them are over: as many as make just those the hot ones.
+    fn fitting(&self, until_s: f64, later_s: impl Fn(f64) -> f64) -> Option<u32> {
+        let fitting = self.estimate(until_s, later_s)?;
+        let done = self.0.len() as u32 - 1;
         if done == LEAST_HOT && fitting < (LEAST_HOT + 1) * HOT_SHARE {
             return Some(fitting);
         }
@@ -267,7 +297,7 @@ mod pace_tests {
             let mut pace = Pace::default();
             let decided = (0..100_000u32).find_map(|done| {
                 pace.note(done, Some(f64::from(done) * round_s));
-                Some((done, pace.fitting(until_s, 1.0)?))
+                Some((done, pace.fitting(until_s, |s| s)?))
             });
             let (done, rounds) = decided.expect("some time they are");
             assert_eq!(done, hot_rounds(rounds), "{rounds} rounds of {round_s} s until {until_s} s");
@@ -280,6 +310,6 @@ mod pace_tests {
     fn without_a_clock_nothing_is_decided() {
         let mut pace = Pace::default();
         (0..20).for_each(|done| pace.note(done, None));
-        assert_eq!(pace.fitting(1.0, 1.0), None);
+        assert_eq!(pace.fitting(1.0, |s| s), None);
     }
 }

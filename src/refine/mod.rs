@@ -246,8 +246,9 @@ fn levels_s(annealing: &Annealing, levels: &Levels, stop: &StopToken) -> Vec<f64
             stop.elapsed_s()
         };
         // The first one makes the copies for the workers.
-        let begun_s = round()?;
-        Some(round()? - begun_s)
+        let times_s = [round(), round()];
+        copy.into_path();
+        Some(times_s[1]? - times_s[0]?)
     };
     (0..=levels.last()).map_while(round_s).collect()
 }

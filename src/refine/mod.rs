@@ -148,10 +148,14 @@ pub fn refine(
             && rounds == u32::MAX
         {
             pace.note(done, stop.elapsed_s());
-            let later_s = |measured_s: &[f64], first_s: f64| levels.later_s(1.0 / f64::from(HOT_SHARE), first_s, measured_s);
+            // Rounds that go on with a flight are alike.
+            let later_s = |measured_s: &[f64], s: f64| match is_resumed {
+                true => s,
+                false => levels.later_s(1.0 / f64::from(HOT_SHARE), s * LATER_SHARE, measured_s),
+            };
             // Late enough that the flight has grown, and early enough that it is not decided yet.
-            if measured_s.is_empty() && pace.estimate(until_s, |s| later_s(&[], s)).is_some_and(|all| all / HOT_SHARE <= 2 * done)
-            {
+            let is_soon = || pace.estimate(until_s, |s| later_s(&[], s)).is_some_and(|all| all / HOT_SHARE <= 2 * done);
+            if !is_resumed && measured_s.is_empty() && is_soon() {
                 measured_s = levels_s(&annealing, &levels, stop);
             }
             rounds = pace.fitting(until_s, |s| later_s(&measured_s, s)).unwrap_or(u32::MAX);
@@ -272,7 +276,7 @@ impl Pace {
     fn estimate(&self, until_s: f64, later_s: impl Fn(f64) -> f64) -> Option<u32> {
         let done = u32::try_from(self.0.len().checked_sub(1)?).ok().filter(|&done| done >= LEAST_HOT)?;
         let (now_s, half) = (self.0[done as usize], done / 2);
-        let round_s = later_s((now_s - self.0[half as usize]) / f64::from(done - half) * LATER_SHARE);
+        let round_s = later_s((now_s - self.0[half as usize]) / f64::from(done - half));
         let left_s = until_s - (until_s - self.0[0]) * RESERVE - now_s;
         Some(done + (left_s.max(0.0) / round_s.max(1e-6)).min(f64::from(MOST_ITERATIONS)) as u32)
     }
@@ -298,7 +302,7 @@ mod pace_tests {
             let mut pace = Pace::default();
             let decided = (0..100_000u32).find_map(|done| {
                 pace.note(done, Some(f64::from(done) * round_s));
-                Some((done, pace.fitting(until_s, |s| s)?))
+                Some((done, pace.fitting(until_s, |s| s * LATER_SHARE)?))
             });
             let (done, rounds) = decided.expect("some time they are");
             assert_eq!(done, hot_rounds(rounds), "{rounds} rounds of {round_s} s until {until_s} s");

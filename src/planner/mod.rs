@@ -249,7 +249,9 @@ fn refined(
             tree.path
         }
     };
-    let task = Task { aim, budget, seed: options.seed, is_resumed };
+    let differences = order.snapshot.changes().map(|changes| &changes.differences);
+    let changed = differences.iter().flat_map(|differences| differences.boxes().chain(&differences.barred)).copied().collect();
+    let task = Task { aim, budget, seed: options.seed, is_resumed, changed };
     let mut looked = None;
     let confirm =
         &mut |path: &[Pose]| if is_resumed { interim.confirmed(path) } else { order.confirmed_beside(path, &mut looked) };

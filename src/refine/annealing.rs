@@ -15,9 +15,11 @@ use super::choice::{Choice, Returns};
 use super::counts::Worth;
 use super::draft::Splice;
 use super::flight::{Demand, Flight, Journal, Prices, Pursuit, Trial, Waypoint};
+use super::focus::Focus;
 use super::ground::Ground;
 use super::moves::{self, exponential};
 use crate::camera::Pose;
+use crate::scene::bounds::Bounds;
 use crate::search::Iteration;
 use crate::search::objective::PathSums;
 use crate::stop::free_behind;
@@ -86,12 +88,14 @@ pub struct Best {
 
 /// Waypoints that a worker may change: all but some at the beginning and some at the end.
 #[derive(Clone, Copy, Debug)]
-pub struct Sector {
+pub struct Sector<'f> {
     pub head: usize,
     pub tail: usize,
+    /// Where most changes are tried.
+    pub focus: Option<&'f Focus>,
 }
 
-impl Sector {
+impl Sector<'_> {
     /// The waypoints of the sector in a flight of so many.
     pub fn of(&self, waypoints: usize) -> Range<usize> {
         self.head..waypoints - self.tail
@@ -241,12 +245,37 @@ impl<'a> Annealing<'a> {
 
     /// One round at a temperature: how much worse a change may make the flight, ns, on average. One that is abandoned ends at once, anywhere.
     pub fn round(&mut self, temperature_ns: f64) {
+        self.round_in(None, temperature_ns);
+    }
+
+    /// The same with changes near a place; it makes no sample dearer, because what cannot be had there may be cheap elsewhere.
+    pub fn round_near(&mut self, focus: &Focus, temperature_ns: f64) {
+        self.round_in(Some(focus), temperature_ns);
+    }
+
+    /// The neighbourhood of what changed in the scene, as far as the flight goes.
+    pub fn focus(&self, changed: &[Bounds]) -> Option<Focus> {
+        Focus::new(self.ground, &self.flight, changed)
+    }
+
+    /// The neighbourhood that has so many waypoints, and the path as it is.
+    #[cfg(test)]
+    pub fn focus_of(&self, waypoints: usize, changed: &[Bounds]) -> Option<Focus> {
+        Focus::of_so_many(waypoints, self.ground, &self.flight, changed)
+    }
+
+    #[cfg(test)]
+    pub fn present_path(&self) -> Vec<Pose> {
+        self.flight.path()
+    }
+
+    fn round_in(&mut self, focus: Option<&Focus>, temperature_ns: f64) {
         let (ground, required, steps) = (self.ground, self.demand.required, self.ground.settings.round_moves);
         let pursuit = match self.aim {
             Aim::MostObjective => Pursuit::Objective(&ground.problem.objective),
             _ => Pursuit::Time(self.demand),
         };
-        let sectors = self.sectors();
+        let sectors = self.sectors(focus);
         self.copies.resize_with(sectors.len() - 1, || self.flight.clone());
         let (seed, rounds, choice) = (self.seed, self.rounds, &self.choice);
         let mut flights: Vec<&mut Flight> = std::iter::once(&mut self.flight).chain(&mut self.copies).collect();
@@ -281,28 +310,34 @@ impl<'a> Annealing<'a> {
         self.choice.learn(returns.iter());
         self.tried += u64::from(steps) * sectors.len() as u64;
         self.rounds += 1;
-        self.adjust_price();
+        self.adjust_price(focus.is_none());
         self.keep_best();
     }
 
     /// The flight in parts, the border between two of them elsewhere in every round.
-    fn sectors(&self) -> Vec<Sector> {
+    fn sectors<'f>(&self, focus: Option<&'f Focus>) -> Vec<Sector<'f>> {
         let [first, last] = self.ground.fixed;
-        let count = self.flight.waypoints.len();
-        let sectors = (self.ground.settings.sectors as usize).min(count / LEAST_SECTOR).max(1);
+        let waypoints = &self.flight.waypoints;
+        let count = waypoints.len();
+        // As many that may be changed in each.
+        let places: Vec<usize> = match focus {
+            None => (0..count).collect(),
+            Some(focus) => (first + 1..count - last).filter(|&k| focus.contains(&waypoints[k].pose.position)).collect(),
+        };
+        let sectors = (self.ground.settings.sectors as usize).min(places.len() / LEAST_SECTOR).max(1);
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(u64::from(self.rounds) << 8 | 0xff);
         let shift = if sectors == 1 { 0.0 } else { moves::uniform(&mut random) - 0.5 };
         // The waypoint at a border belongs to no sector.
-        let border = |k: usize| ((k as f64 + shift) * count as f64 / sectors as f64) as usize;
+        let border = |k: usize| places[((k as f64 + shift) * places.len() as f64 / sectors as f64) as usize];
         let head = |k: usize| if k == 0 { first } else { border(k) + 1 };
         let tail = |k: usize| if k + 1 == sectors { last } else { count - border(k + 1) };
-        (0..sectors).map(|k| Sector { head: head(k), tail: tail(k) }).collect()
+        (0..sectors).map(|k| Sector { head: head(k), tail: tail(k), focus }).collect()
     }
 
     /// A sample becomes dearer while samples are missing and do not get much fewer, and cheaper while there are enough; much cheaper while there
     /// are far too many.
-    fn adjust_price(&mut self) {
+    fn adjust_price(&mut self, may_rise: bool) {
         let (worth, required, most) = (self.flight.counts.worth(), self.demand.required, self.ground.most);
         let before = std::mem::replace(&mut self.worth, worth);
         let is_early = self.flight.duration_ns() < self.within_ns;
@@ -321,7 +356,8 @@ impl<'a> Annealing<'a> {
                 Aim::MostCoverage { .. } | Aim::MostObjective => (is_early, false),
             };
             let factor = match (is_short, is_lavish) {
-                (true, _) => settings.price_rise,
+                (true, _) if may_rise => settings.price_rise,
+                (true, _) => 1.0,
                 (false, false) => settings.price_fall,
                 (false, true) => settings.price_fall * settings.price_fall * settings.price_fall,
             };

@@ -10,6 +10,7 @@ mod choice;
 mod counts;
 mod draft;
 mod flight;
+mod focus;
 mod ground;
 mod levels;
 mod matches;
@@ -25,21 +26,25 @@ pub use ground::{Counting, Ground};
 
 use overfly_table::field::FieldFacts;
 
+use self::focus::Focus;
 use self::levels::Levels;
 use crate::camera::Pose;
+use crate::scene::bounds::Bounds;
 use crate::search::leg::headed;
 use crate::search::{Iteration, Outcome, Progress, StopReason};
 use crate::settings::{MOST_ITERATIONS, Settings};
 use crate::stop::StopToken;
 
 /// What is asked of a refinement.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     pub aim: Aim,
     pub budget: Budget,
     pub seed: u64,
     /// The path is that of an earlier search, of which most is as good as it was: it is not made hot again.
     pub is_resumed: bool,
+    /// Boxes in which the scene changed with the last edit, m.
+    pub changed: Vec<Bounds>,
 }
 
 /// How long a flight is improved.
@@ -94,6 +99,8 @@ const REPAIR_SHARE: f64 = 0.02;
 /// over. Whoever flies it waits for that, so that it is looked at after one round, and one more after every so many looks.
 const MENDS: u32 = 8;
 const MENDS_PER_ROUND: u32 = 3;
+/// So many looks come first that change the flight only near what the edit changed.
+const NEAR_FIRST: u32 = 2;
 
 /// Improves a flight round by round. `confirm` tells what a finished flight is really worth; what it captures more or less than was
 /// counted on decides how many samples are demanded.
@@ -104,7 +111,7 @@ pub fn refine(
     confirm: &mut dyn FnMut(&[Pose]) -> Confirmed,
     on_progress: &mut dyn FnMut(&Progress),
 ) -> Outcome {
-    let Task { aim, budget, seed, is_resumed } = *task;
+    let Task { aim, budget, seed, is_resumed, ref changed } = *task;
     let stop = &ground.stop;
     let levels = if is_resumed { Levels::fine(ground) } else { Levels::new(ground, aim) };
     let mut level = 0;
@@ -126,7 +133,8 @@ pub fn refine(
         annealing.price_as_late();
         // What the flight really captures is known already: no more is demanded than that takes.
         annealing.calibrate(&confirm(&annealing.best().path), false);
-        let mut mending = Mending { aim, stop, confirm: &mut *confirm, on_round: &mut |record| tell(record, 0, rounds) };
+        let focus = annealing.focus(changed);
+        let mut mending = Mending { aim, stop, focus, confirm: &mut *confirm, on_round: &mut |record| tell(record, 0, rounds) };
         mending.mend(&mut annealing, MENDS, |attempt| (1 + attempt / MENDS_PER_ROUND).min(rounds));
     }
     let (mut pace, mut measured_s) = (Pace::default(), Vec::new());
@@ -177,7 +185,8 @@ pub fn refine(
         annealing.move_to(ground);
     }
     let mut reason = if stop.is_stopped() { StopReason::Cancelled } else { StopReason::IterationsUsed };
-    let mut mending = Mending { aim, stop, confirm: &mut *confirm, on_round: &mut |record| tell(record, done, rounds) };
+    let mut mending =
+        Mending { aim, stop, focus: None, confirm: &mut *confirm, on_round: &mut |record| tell(record, done, rounds) };
     let is_met =
         mending.mend(&mut annealing, REPAIRS, |attempt| (f64::from(rounds) * f64::from(attempt) * REPAIR_SHARE).ceil() as u32);
     if is_met && matches!(aim, Aim::LeastTime { .. } | Aim::LeastTimeWithin { .. }) {
@@ -190,6 +199,8 @@ pub fn refine(
 struct Mending<'a> {
     aim: Aim,
     stop: &'a StopToken,
+    /// Where it fell short.
+    focus: Option<Focus>,
     confirm: &'a mut dyn FnMut(&[Pose]) -> Confirmed,
     on_round: &'a mut dyn FnMut(Iteration),
 }
@@ -210,8 +221,13 @@ impl Mending<'_> {
                 return false;
             }
             annealing.calibrate(&really, true);
+            // Near what changed at first, and later in turns with everywhere.
+            let focus = self.focus.as_ref().filter(|_| attempt <= NEAR_FIRST || attempt % 2 == 1);
             for _ in 0..rounds(attempt) {
-                annealing.round(annealing.coldest_ns());
+                match focus {
+                    Some(focus) => annealing.round_near(focus, annealing.coldest_ns()),
+                    None => annealing.round(annealing.coldest_ns()),
+                }
                 if self.stop.is_abandoned() {
                     return false;
                 }

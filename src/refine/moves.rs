@@ -76,7 +76,7 @@ pub fn propose(
     ground: &Ground,
     flight: &Flight,
     required: Worth,
-    sector: Sector,
+    sector: Sector<'_>,
     kind: Move,
     random: &mut ChaCha8Rng,
     splice: &mut Splice,
@@ -89,7 +89,7 @@ struct Proposal<'p> {
     ground: &'p Ground<'p>,
     flight: &'p Flight,
     required: Worth,
-    sector: Sector,
+    sector: Sector<'p>,
     random: &'p mut ChaCha8Rng,
     splice: &'p mut Splice,
 }
@@ -130,10 +130,15 @@ impl Proposal<'_> {
         self.flight.waypoints.len()
     }
 
-    /// Any waypoint of the sector.
+    /// Any waypoint of the sector, or of those in the focus.
     fn waypoint(&mut self) -> Option<usize> {
-        let sector = self.sector.of(self.count());
-        (!sector.is_empty()).then(|| sector.start + below(self.random, sector.len()))
+        let (flight, sector) = (self.flight, self.sector.of(self.count()));
+        let Some(focus) = self.sector.focus else {
+            return (!sector.is_empty()).then(|| sector.start + below(self.random, sector.len()));
+        };
+        let mut near = sector.filter(|&k| focus.contains(&flight.waypoints[k].pose.position));
+        let count = near.clone().count();
+        (count > 0).then(|| below(self.random, count)).and_then(|nth| near.nth(nth))
     }
 
     /// As many waypoints from `at` on as there are up to the end of the sector, at most `count`.
@@ -155,7 +160,10 @@ impl Proposal<'_> {
 
     fn insert(&mut self) -> Option<()> {
         let sector = self.sector.of(self.count());
-        let at = sector.start + below(self.random, sector.len() + 1);
+        let at = match self.sector.focus {
+            Some(_) => self.waypoint()?,
+            None => sector.start + below(self.random, sector.len() + 1),
+        };
         let share = uniform(self.random);
         let scale_m = 4.0 + 16.0 * uniform(self.random);
         let by = normal(self.random) * scale_m;
@@ -340,9 +348,12 @@ impl Proposal<'_> {
         nearest.map(|(_, k)| k)
     }
 
-    /// A sample that is not captured although it can be; while too few are matched, also one that is not.
+    /// A sample that is not captured although it can be; while too few are matched, also one that is not. With a focus half of them lie in it: what
+    /// cannot be had again there may be cheap elsewhere.
     fn missing_sample(&mut self) -> Option<usize> {
-        let (wanted, counts) = (&self.ground.wanted, &self.flight.counts);
+        let (all, counts) = (&self.ground.wanted, &self.flight.counts);
+        let near = self.sector.focus.map(|focus| &focus.samples).filter(|near| !near.is_empty() && uniform(self.random) < 0.5);
+        let wanted = near.unwrap_or(all);
         if wanted.is_empty() {
             return None;
         }

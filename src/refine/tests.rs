@@ -76,7 +76,7 @@ fn a_flight_changed_step_by_step_is_the_one_made_anew() {
         let (mut splice, mut made) = (Splice::default(), 0);
         let mut earlier = flight.waypoints.clone();
         for step in 0..3000 {
-            let sector = Sector { head: 0, tail: 0 };
+            let sector = Sector { head: 0, tail: 0, focus: None };
             let kind = choice.draw(&mut random);
             if !moves::propose(ground, &flight, required(ground), sector, kind, &mut random, &mut splice) {
                 continue;
@@ -163,7 +163,7 @@ fn the_paper_s_objective_only_falls_by_what_a_change_may_cost_and_rises_with_the
         let allowed = objective.worth_of_s(0.2);
         for _ in 0..600 {
             let before = value(&flight);
-            let sector = Sector { head: 0, tail: 0 };
+            let sector = Sector { head: 0, tail: 0, focus: None };
             let kind = choice.draw(&mut random);
             if moves::propose(&ground, &flight, Worth::default(), sector, kind, &mut random, &mut splice)
                 && flight.attempt(&ground, &splice, &Pursuit::Objective(objective), 0.2e9).gained.is_some()

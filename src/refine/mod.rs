@@ -88,8 +88,10 @@ const LATER_SHARE: f64 = 0.8;
 const RESERVE: f64 = 0.05;
 
 /// How often it is looked at what the flight really captures: after shares of the rounds, as far as all samples count in them, then at the end, as long
-/// as samples are missing and with more rounds each time: such a share of all, then twice as many, and so on.
-const CALIBRATIONS: [f64; 3] = [0.5, 0.75, 0.9];
+/// as samples are missing and with more rounds each time: such a share of all, then twice as many, and so on. What is found missing before the rounds are
+/// over costs no rounds beyond them: with the looks at 0.95 and 0.98 a budget of 20 s over tokyo-2km takes 22 s in place of 35 s, and one of 60 s takes 55 s
+/// in place of 96 s.
+const CALIBRATIONS: [f64; 5] = [0.5, 0.75, 0.9, 0.95, 0.98];
 /// A flight that goes on with an earlier one is looked at sooner, for whoever flies that one, but not before so many rounds.
 const EARLY_LOOKS: [f64; 5] = [0.05, 0.1, 0.175, 0.25, 0.35];
 const LEAST_BEFORE_LOOK: u32 = 4;

@@ -4,8 +4,6 @@
 //! of one sample in reliance on the other's; then samples are missing when the sectors are put together, their price rises, and the next
 //! round gets them back. What a round gives depends on its number and on the state before it, never on threads or clocks.
 
-use std::ops::Range;
-
 use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
 use rayon::prelude::*;
@@ -14,10 +12,11 @@ use super::Confirmed;
 use super::choice::{Choice, Returns};
 use super::counts::Worth;
 use super::draft::Splice;
-use super::flight::{Demand, Flight, Journal, Prices, Pursuit, Trial, Waypoint};
+use super::flight::{Demand, Flight, Prices, Pursuit, Trial, Waypoint};
 use super::focus::Focus;
 use super::ground::Ground;
 use super::moves::{self, exponential};
+use super::sectors;
 use crate::camera::Pose;
 use crate::scene::bounds::Bounds;
 use crate::search::Iteration;
@@ -63,9 +62,9 @@ pub struct Annealing<'a> {
     within_ns: u64,
     seed: u64,
     /// The flight as it is, with a copy for each worker but the first.
-    flight: Flight,
+    pub(super) flight: Flight,
     copies: Vec<Flight>,
-    demand: Demand,
+    pub(super) demand: Demand,
     choice: Choice,
     /// What the flight was worth when the prices were adjusted last.
     worth: Worth,
@@ -85,25 +84,6 @@ pub struct Best {
     pub duration_ns: u64,
     record: Iteration,
 }
-
-/// Waypoints that a worker may change: all but some at the beginning and some at the end.
-#[derive(Clone, Copy, Debug)]
-pub struct Sector<'f> {
-    pub head: usize,
-    pub tail: usize,
-    /// Where most changes are tried.
-    pub focus: Option<&'f Focus>,
-}
-
-impl Sector<'_> {
-    /// The waypoints of the sector in a flight of so many.
-    pub fn of(&self, waypoints: usize) -> Range<usize> {
-        self.head..waypoints - self.tail
-    }
-}
-
-/// A sector has at least so many waypoints.
-const LEAST_SECTOR: usize = 8;
 
 /// What a matched sample is worth to begin with, as a share of a captured one: most that are captured are matched as well.
 const MATCHED_SHARE: f64 = 0.1;
@@ -259,23 +239,13 @@ impl<'a> Annealing<'a> {
     }
 
     /// The neighbourhood that has so many waypoints, and the path as it is.
-    #[cfg(test)]
-    pub fn focus_of(&self, waypoints: usize, changed: &[Bounds]) -> Option<Focus> {
-        Focus::of_so_many(waypoints, self.ground, &self.flight, changed)
-    }
-
-    #[cfg(test)]
-    pub fn present_path(&self) -> Vec<Pose> {
-        self.flight.path()
-    }
-
     fn round_in(&mut self, focus: Option<&Focus>, temperature_ns: f64) {
         let (ground, required, steps) = (self.ground, self.demand.required, self.ground.settings.round_moves);
         let pursuit = match self.aim {
             Aim::MostObjective => Pursuit::Objective(&ground.problem.objective),
             _ => Pursuit::Time(self.demand),
         };
-        let sectors = self.sectors(focus);
+        let sectors = sectors::of(ground, &self.flight, focus, &mut random(self.seed, self.rounds, BORDERS));
         self.copies.resize_with(sectors.len() - 1, || self.flight.clone());
         let (seed, rounds, choice) = (self.seed, self.rounds, &self.choice);
         let mut flights: Vec<&mut Flight> = std::iter::once(&mut self.flight).chain(&mut self.copies).collect();
@@ -284,8 +254,7 @@ impl<'a> Annealing<'a> {
             .zip(&sectors)
             .enumerate()
             .map(|(worker, (flight, sector))| {
-                let mut random = ChaCha8Rng::seed_from_u64(seed);
-                random.set_stream(u64::from(rounds) << 8 | worker as u64);
+                let mut random = random(seed, rounds, worker as u8);
                 let (mut splice, mut returns) = (Splice::default(), Returns::default());
                 for _ in 0..steps {
                     if ground.stop.is_abandoned() {
@@ -306,33 +275,12 @@ impl<'a> Annealing<'a> {
             // Nobody looks at the flight any more: its parts stay apart.
             return;
         }
-        join(ground, &mut flights, &sectors);
+        sectors::join(ground, &mut flights, &sectors);
         self.choice.learn(returns.iter());
         self.tried += u64::from(steps) * sectors.len() as u64;
         self.rounds += 1;
         self.adjust_price(focus.is_none());
         self.keep_best();
-    }
-
-    /// The flight in parts, the border between two of them elsewhere in every round.
-    fn sectors<'f>(&self, focus: Option<&'f Focus>) -> Vec<Sector<'f>> {
-        let [first, last] = self.ground.fixed;
-        let waypoints = &self.flight.waypoints;
-        let count = waypoints.len();
-        // As many that may be changed in each.
-        let places: Vec<usize> = match focus {
-            None => (0..count).collect(),
-            Some(focus) => (first + 1..count - last).filter(|&k| focus.contains(&waypoints[k].pose.position)).collect(),
-        };
-        let sectors = (self.ground.settings.sectors as usize).min(places.len() / LEAST_SECTOR).max(1);
-        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
-        random.set_stream(u64::from(self.rounds) << 8 | 0xff);
-        let shift = if sectors == 1 { 0.0 } else { moves::uniform(&mut random) - 0.5 };
-        // The waypoint at a border belongs to no sector.
-        let border = |k: usize| places[((k as f64 + shift) * places.len() as f64 / sectors as f64) as usize];
-        let head = |k: usize| if k == 0 { first } else { border(k) + 1 };
-        let tail = |k: usize| if k + 1 == sectors { last } else { count - border(k + 1) };
-        (0..sectors).map(|k| Sector { head: head(k), tail: tail(k), focus }).collect()
     }
 
     /// A sample becomes dearer while samples are missing and do not get much fewer, and cheaper while there are enough; much cheaper while there
@@ -423,22 +371,12 @@ impl<'a> Annealing<'a> {
     }
 }
 
-/// Makes all copies the flight whose sectors are those of the workers.
-fn join(ground: &Ground, flights: &mut [&mut Flight], sectors: &[Sector]) {
-    let journals: Vec<Journal> = flights.iter_mut().map(|flight| flight.take_journal()).collect();
-    if sectors.len() == 1 {
-        return;
-    }
-    let mut waypoints = Vec::new();
-    for (k, (flight, sector)) in flights.iter().zip(sectors).enumerate() {
-        // The waypoint before a sector leaves along the sector's first leg.
-        let from = if k == 0 { 0 } else { sector.head - 1 };
-        let to = if k + 1 == sectors.len() { flight.waypoints.len() } else { flight.waypoints.len() - sector.tail };
-        waypoints.extend(flight.waypoints[from.min(to)..to].iter().cloned());
-    }
-    flights.par_iter_mut().enumerate().for_each(|(own, flight)| {
-        let others = journals.iter().enumerate().filter(|&(worker, _)| worker != own);
-        others.for_each(|(_, journal)| flight.follow(journal));
-        flight.arrange(ground, waypoints.clone());
-    });
+/// The number of the stream that the borders between sectors are drawn from; the others are those of the workers.
+const BORDERS: u8 = 0xff;
+
+/// What is drawn from in one stream of a round.
+fn random(seed: u64, round: u32, stream: u8) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(u64::from(round) << 8 | u64::from(stream));
+    random
 }

@@ -29,7 +29,7 @@ impl Focus {
         Self::of_so_many(WAYPOINTS, ground, flight, changed)
     }
 
-    pub(super) fn of_so_many(waypoints: usize, ground: &Ground, flight: &Flight, changed: &[Bounds]) -> Option<Self> {
+    fn of_so_many(waypoints: usize, ground: &Ground, flight: &Flight, changed: &[Bounds]) -> Option<Self> {
         if changed.is_empty() || changed.len() > MOST_BOXES {
             return None;
         }
@@ -84,13 +84,13 @@ mod tests {
         let required = Worth { captured: problem.sufficient, matched: problem.enough_matched(95.0) };
         let mut annealing = Annealing::new(&ground, &path, Aim::LeastTime { required }, 3);
         (0..24).for_each(|_| annealing.round(3e8));
-        let before = annealing.present_path();
+        let before = annealing.flight.path();
         assert!(before.len() > 12, "{} waypoints", before.len());
 
         let corner = before.iter().map(|pose| pose.position).min_by(|a, b| (a.x + a.y).total_cmp(&(b.x + b.y))).expect("some");
         let changed = [Bounds { min: corner, max: corner + Vector3::repeat(2.0) }];
         let nearest = before.len() / 3;
-        let focus = annealing.focus_of(nearest, &changed).expect("something changed");
+        let focus = Focus::of_so_many(nearest, &ground, &annealing.flight, &changed).expect("something changed");
         let away_m = |p: &Point3<f64>| focus.away_m(p);
         let near: Vec<_> = before.iter().filter(|pose| focus.contains(&pose.position)).collect();
         let closer = before.iter().filter(|pose| near.iter().all(|near| away_m(&pose.position) < away_m(&near.position))).count();
@@ -98,15 +98,25 @@ mod tests {
         assert!(focus.samples.iter().all(|i| ground.wanted.contains(i)) && focus.samples.len() < ground.wanted.len());
 
         let share_near = |after: &Annealing| {
-            let gone = gone(&before, &after.present_path());
+            let gone = gone(&before, &after.flight.path());
             assert!(gone.len() > 2, "{gone:?}");
             gone.iter().filter(|p| focus.contains(p)).count() as f64 / gone.len() as f64
         };
         let mut all_along = annealing.clone();
+        let mut short = annealing.clone();
         (0..2).for_each(|_| annealing.round_near(&focus, 3e7));
         (0..2).for_each(|_| all_along.round(3e7));
         let shares = [share_near(&annealing), share_near(&all_along)];
         assert!(shares[0] > 0.8 && shares[1] < 0.6, "{shares:?} of what changed is near");
+
+        // More than the flight has: what is missing becomes dearer by rounds all along it alone.
+        short.demand.required = ground.most;
+        let price_ns = |annealing: &Annealing| annealing.demand.prices_ns.captured;
+        let at_first_ns = price_ns(&short);
+        (0..4).for_each(|_| short.round_near(&focus, 3e7));
+        assert_eq!(price_ns(&short), at_first_ns);
+        (0..4).for_each(|_| short.round(3e7));
+        assert!(price_ns(&short) > at_first_ns, "{} ns", price_ns(&short));
     }
 
     #[test]

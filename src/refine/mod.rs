@@ -15,6 +15,7 @@ mod ground;
 mod levels;
 mod matches;
 mod moves;
+mod sectors;
 mod sights;
 #[cfg(test)]
 mod tests;
@@ -201,7 +202,7 @@ pub fn refine(
 struct Mending<'a> {
     aim: Aim,
     stop: &'a StopToken,
-    /// Where it fell short.
+    /// The neighbourhood of what changed, where that is why it is short.
     focus: Option<Focus>,
     confirm: &'a mut dyn FnMut(&[Pose]) -> Confirmed,
     on_round: &'a mut dyn FnMut(Iteration),

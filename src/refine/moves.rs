@@ -4,11 +4,12 @@ use nalgebra::{Point3, Unit, Vector3, center};
 use rand_chacha::ChaCha8Rng;
 use rand_core::Rng;
 
-use super::annealing::Sector;
 use super::counts::Worth;
 use super::draft::{Splice, Stop};
 use super::flight::Flight;
+use super::focus::Focus;
 use super::ground::Ground;
+use super::sectors::Sector;
 use crate::camera::Pose;
 use crate::search::leg::slerp;
 
@@ -82,7 +83,9 @@ pub fn propose(
     splice: &mut Splice,
 ) -> bool {
     splice.stops.clear();
-    Proposal { ground, flight, required, sector, random, splice }.make(kind).is_some()
+    let is_near = |focus: &Focus, k: usize| focus.contains(&flight.waypoints[k].pose.position);
+    let near = sector.focus.map(|focus| sector.of(flight.waypoints.len()).filter(|&k| is_near(focus, k)).collect());
+    Proposal { ground, flight, required, sector, near, random, splice }.make(kind).is_some()
 }
 
 struct Proposal<'p> {
@@ -90,6 +93,8 @@ struct Proposal<'p> {
     flight: &'p Flight,
     required: Worth,
     sector: Sector<'p>,
+    /// The waypoints of the sector in its focus, if it has one.
+    near: Option<Vec<usize>>,
     random: &'p mut ChaCha8Rng,
     splice: &'p mut Splice,
 }
@@ -130,15 +135,15 @@ impl Proposal<'_> {
         self.flight.waypoints.len()
     }
 
-    /// Any waypoint of the sector, or of those in the focus.
+    /// Any waypoint of the sector, or of those in its focus.
     fn waypoint(&mut self) -> Option<usize> {
-        let (flight, sector) = (self.flight, self.sector.of(self.count()));
-        let Some(focus) = self.sector.focus else {
-            return (!sector.is_empty()).then(|| sector.start + below(self.random, sector.len()));
-        };
-        let mut near = sector.filter(|&k| focus.contains(&flight.waypoints[k].pose.position));
-        let count = near.clone().count();
-        (count > 0).then(|| below(self.random, count)).and_then(|nth| near.nth(nth))
+        match &self.near {
+            Some(near) => (!near.is_empty()).then(|| near[below(self.random, near.len())]),
+            None => {
+                let sector = self.sector.of(self.count());
+                (!sector.is_empty()).then(|| sector.start + below(self.random, sector.len()))
+            }
+        }
     }
 
     /// As many waypoints from `at` on as there are up to the end of the sector, at most `count`.
@@ -160,7 +165,7 @@ impl Proposal<'_> {
 
     fn insert(&mut self) -> Option<()> {
         let sector = self.sector.of(self.count());
-        let at = match self.sector.focus {
+        let at = match &self.near {
             Some(_) => self.waypoint()?,
             None => sector.start + below(self.random, sector.len() + 1),
         };

@@ -5,13 +5,14 @@ use std::sync::Arc;
 use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
 
-use super::annealing::{Aim, Annealing, Sector};
+use super::annealing::{Aim, Annealing};
 use super::choice::Choice;
 use super::counts::Worth;
 use super::draft::Splice;
 use super::flight::{Demand, Flight, Prices, Pursuit};
 use super::ground::{Counting, Ground, Look};
 use super::moves;
+use super::sectors::Sector;
 use crate::camera::{Pose, Rig};
 use crate::coverage::Mask;
 use crate::field::Snapshot;

@@ -279,20 +279,22 @@ impl<'a> Annealing<'a> {
         self.choice.learn(returns.iter());
         self.tried += u64::from(steps) * sectors.len() as u64;
         self.rounds += 1;
-        self.adjust_price(focus.is_none());
+        let tries = f64::from(steps) * sectors.len() as f64 / self.flight.waypoints.len() as f64;
+        self.adjust_price(focus.is_none(), tries.min(1.0));
         self.keep_best();
     }
 
     /// A sample becomes dearer while samples are missing and do not get much fewer, and cheaper while there are enough; much cheaper while there
-    /// are far too many.
-    fn adjust_price(&mut self, may_rise: bool) {
+    /// are far too many. By as much less as a round is of one that tries a change at every waypoint: what a price does shows after that.
+    fn adjust_price(&mut self, may_rise: bool, share: f64) {
         let (worth, required, most) = (self.flight.counts.worth(), self.demand.required, self.ground.most);
         let before = std::mem::replace(&mut self.worth, worth);
         let is_early = self.flight.duration_ns() < self.within_ns;
         let settings = self.ground.settings;
+        let progress = libm::pow(PROGRESS, share);
         let adjusted = |price_ns: f64, [before, worth, required, most]: [u32; 4]| {
             let missing = |worth: u32| f64::from(required.saturating_sub(worth));
-            if worth < required && missing(worth) < PROGRESS * missing(before) {
+            if worth < required && missing(worth) < progress * missing(before) {
                 return price_ns;
             }
             let (is_short, is_lavish) = match self.aim {
@@ -309,7 +311,7 @@ impl<'a> Annealing<'a> {
                 (false, false) => settings.price_fall,
                 (false, true) => settings.price_fall * settings.price_fall * settings.price_fall,
             };
-            (price_ns * factor).clamp(PRICES_NS.0, PRICES_NS.1)
+            (price_ns * libm::pow(factor, share)).clamp(PRICES_NS.0, PRICES_NS.1)
         };
         let Prices { captured, matched } = self.demand.prices_ns;
         self.demand.prices_ns = Prices {

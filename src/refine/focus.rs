@@ -104,8 +104,8 @@ mod tests {
         };
         let mut all_along = annealing.clone();
         let mut short = annealing.clone();
-        (0..2).for_each(|_| annealing.round_near(&focus, 3e7));
-        (0..2).for_each(|_| all_along.round(3e7));
+        (0..6).for_each(|_| annealing.round_near(&focus, 1e8));
+        (0..6).for_each(|_| all_along.round(1e8));
         let shares = [share_near(&annealing), share_near(&all_along)];
         assert!(shares[0] > 0.8 && shares[1] < 0.6, "{shares:?} of what changed is near");
 

@@ -339,18 +339,17 @@ impl Proposal<'_> {
         self.put(center(&a.position, &b.position), between(&a, &b, 0.5))
     }
 
-    /// A waypoint of the sector that is near another one in space: the nearest of a few.
+    /// A waypoint of the sector, or of its focus, that is near another one in space: any of the nearest few.
     fn neighbour(&mut self, at: usize) -> Option<usize> {
         let here = self.pose(at).position;
-        let mut nearest = None;
-        for _ in 0..NEIGHBOUR_TRIES {
-            let k = self.waypoint()?;
-            let squared = (self.pose(k).position - here).norm_squared();
-            if k != at && nearest.is_none_or(|(least, _)| squared < least) {
-                nearest = Some((squared, k));
-            }
-        }
-        nearest.map(|(_, k)| k)
+        let sector = self.sector.of(self.count());
+        let away = |k: usize| ((self.pose(k).position - here).norm_squared(), k);
+        let mut others: Vec<(f64, usize)> = match &self.near {
+            Some(near) => near.iter().filter(|&&k| k != at).map(|&k| away(k)).collect(),
+            None => sector.filter(|&k| k != at).map(away).collect(),
+        };
+        let rank = below(self.random, NEIGHBOURS.min(others.len()).max(1));
+        (rank < others.len()).then(|| others.select_nth_unstable_by(rank, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).1.1)
     }
 
     /// A sample that is not captured although it can be; while too few are matched, also one that is not. With a focus half of them lie in it: what
@@ -408,8 +407,10 @@ impl Proposal<'_> {
 /// The shortest so many detours to a view are looked at.
 const DETOURS: usize = 4;
 
+/// So many waypoints are near one in space.
+const NEIGHBOURS: usize = 10;
+
 /// Draws until something that is looked for is given up.
-const NEIGHBOUR_TRIES: usize = 6;
 const MISSING_TRIES: usize = 24;
 const TARGET_TRIES: usize = 8;
 

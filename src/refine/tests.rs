@@ -259,3 +259,33 @@ fn after_a_change_of_samples_a_flight_is_as_good_as_one_counted_anew() {
         assert_eq!((best.worth, best.duration_ns), (anew.counts.worth(), anew.duration_ns()));
     });
 }
+
+#[test]
+fn prices_follow_as_much_as_a_round_can_have_changed() {
+    for_every_rig(|ground, path, settings, _| {
+        let aim = Aim::LeastTime { required: Worth { captured: ground.most.captured, matched: 0 } };
+        let mut grown = Annealing::new(ground, path, aim, 7);
+        (0..12).for_each(|_| grown.round(1e9));
+        let mut few = settings.clone();
+        (few.refine.round_moves, few.refine.sectors) = (1, 1);
+        let few = Ground::new(ground.problem, &few, false, Counting::Matched, &StopToken::default());
+        // What a price became, each time that it changed, as a share of what it was; with the number of waypoints.
+        let followed = |ground: &Ground, rounds: u32| {
+            let mut annealing = Annealing::new(ground, &grown.best().path, aim, 8);
+            let price_ns = |annealing: &Annealing| annealing.demand.prices_ns.captured;
+            let mut changes = Vec::new();
+            for _ in 0..rounds {
+                let before_ns = price_ns(&annealing);
+                annealing.round(1e7);
+                let share = price_ns(&annealing) / before_ns;
+                changes.extend((share != 1.0).then_some((share, annealing.flight.waypoints.len() as f64)));
+            }
+            changes
+        };
+        let rise = settings.refine.price_rise;
+        let (whole, parts) = (followed(ground, 8), followed(&few, 40));
+        assert!(!whole.is_empty() && whole.iter().all(|&(share, _)| (share - rise).abs() < 1e-9), "{whole:?}");
+        let is_part = |&(share, waypoints): &(f64, f64)| waypoints > 2.0 && (share - rise.powf(1.0 / waypoints)).abs() < 1e-9;
+        assert!(!parts.is_empty() && parts.iter().all(is_part), "{parts:?}");
+    });
+}

@@ -227,7 +227,7 @@ fn real_scene_tokyo_is_flown_whole() {
     let bytes = std::fs::read(&path).expect("the scene can be read");
     let (scene, _) = overfly::scene::read("tokyo.geojson", &bytes, &settings.proxy).expect("a real town can be imported");
     let snapshot = snapshot(&session(scene, &settings));
-    let options = PlanOptions { method: Method::Refined, ..options(1, 120) };
+    let options = PlanOptions { method: Method::Refined, ..options(1, 200) };
     let plan = plan(&snapshot, &settings, &options, &StopToken::default(), &mut |_| {}).expect("a city can be flown");
     println!("tokyo-2km: captured {:.1} %, {} images", plan.metrics.coverage_percent, plan.images.len());
     assert!(plan.images.len() > 1 << 14 && plan.metrics.coverage_percent > 80.0);

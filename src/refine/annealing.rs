@@ -69,6 +69,8 @@ pub struct Annealing<'a> {
     /// What the flight was worth when the prices were adjusted last.
     worth: Worth,
     best: Best,
+    /// Whether the rounds are those for the last missing samples: then prices rise by every round, because most changes are tried for just those.
+    pub is_mending: bool,
     /// Rounds so far, and changes that were tried in them.
     rounds: u32,
     pub tried: u64,
@@ -133,6 +135,7 @@ impl<'a> Annealing<'a> {
             choice: Choice::new(),
             worth: Worth::default(),
             best,
+            is_mending: false,
             rounds: 0,
             tried: 0,
         };
@@ -291,10 +294,10 @@ impl<'a> Annealing<'a> {
         let before = std::mem::replace(&mut self.worth, worth);
         let is_early = self.flight.duration_ns() < self.within_ns;
         let settings = self.ground.settings;
-        let progress = libm::pow(PROGRESS, share);
         let adjusted = |price_ns: f64, [before, worth, required, most]: [u32; 4]| {
             let missing = |worth: u32| f64::from(required.saturating_sub(worth));
-            if worth < required && missing(worth) < progress * missing(before) {
+            let share = if self.is_mending && worth < required { 1.0 } else { share };
+            if worth < required && missing(worth) < libm::pow(PROGRESS, share) * missing(before) {
                 return price_ns;
             }
             let (is_short, is_lavish) = match self.aim {

@@ -98,7 +98,9 @@ fn picture(scale: &PlainView, index: usize, stretch: &Stretch) -> Group {
         .add(pen::text([corner[0], corner[1] - 32.0], 18.0, Anchor::Start, &stretch.title).set("font-weight", 600))
         .add(pen::quiet_text([corner[0], corner[1] - 12.0], 14.0, Anchor::Start, &stretch.caption))
         .add(pen::rectangle(corner, [scale.width, scale.height], colour::GROUND).set("stroke", colour::HAIRLINE));
-    for building in &stretch.buildings {
+    // An obstacle may stand over a roof: what is new is drawn on top.
+    let (new, old): (Vec<&Building>, Vec<_>) = stretch.buildings.iter().partition(|building| building.is_new);
+    for building in old.into_iter().chain(new) {
         let data: String = building.rings.iter().map(ring).collect();
         let fill = if building.is_new { NEW.to_owned() } else { HEIGHT.at(building.top_m / top_m) };
         let path = pen::stroke(data, colour::OUTLINE, 0.8).set("fill", fill).set("fill-rule", "evenodd");
@@ -143,8 +145,8 @@ mod tests {
             title: title.to_owned(),
             caption: "40 s".to_owned(),
             buildings: vec![
-                Building { rings: vec![square(0.0)], top_m: 12.0, is_new: false },
                 Building { rings: vec![square(30.0)], top_m: 30.0, is_new: true },
+                Building { rings: vec![square(0.0)], top_m: 12.0, is_new: false },
             ],
             zones: vec![square(60.0)],
             flown: vec![Point3::new(-5.0, -5.0, 30.0), Point3::new(20.0, -5.0, 30.0)],
@@ -164,6 +166,8 @@ mod tests {
             assert_eq!((fills(NEW), fills(ZONE)), (1, 1));
             let strokes = |colour: &str| group.descendants().filter(|node| node.attribute("stroke") == Some(colour)).count();
             assert_eq!((strokes(FLOWN), strokes(AHEAD)), (1, 1));
+            let mut buildings = group.descendants().filter(|node| node.attribute("stroke") == Some(colour::OUTLINE));
+            assert_eq!(buildings.next_back().and_then(|node| node.attribute("fill")), Some(NEW), "nothing hides what is new");
         }
     }
 

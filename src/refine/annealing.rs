@@ -53,6 +53,17 @@ impl Aim {
     }
 }
 
+/// How much dearer missing samples become by a round.
+#[derive(Clone, Copy, Debug)]
+enum Rise {
+    /// What cannot be had near a place may be cheap elsewhere.
+    Never,
+    /// By as much less as the round is of one that tries a change at every waypoint.
+    ByChanges,
+    /// Most changes are tried for just those few that are missing.
+    Whole,
+}
+
 /// A flight under annealing with the best that it has been.
 #[derive(Clone)]
 pub struct Annealing<'a> {
@@ -69,8 +80,6 @@ pub struct Annealing<'a> {
     /// What the flight was worth when the prices were adjusted last.
     worth: Worth,
     best: Best,
-    /// Whether the rounds are those for the last missing samples: then prices rise by every round, because most changes are tried for just those.
-    pub is_mending: bool,
     /// Rounds so far, and changes that were tried in them.
     rounds: u32,
     pub tried: u64,
@@ -135,7 +144,6 @@ impl<'a> Annealing<'a> {
             choice: Choice::new(),
             worth: Worth::default(),
             best,
-            is_mending: false,
             rounds: 0,
             tried: 0,
         };
@@ -228,12 +236,17 @@ impl<'a> Annealing<'a> {
 
     /// One round at a temperature: how much worse a change may make the flight, ns, on average. One that is abandoned ends at once, anywhere.
     pub fn round(&mut self, temperature_ns: f64) {
-        self.round_in(None, temperature_ns);
+        self.round_in(None, Rise::ByChanges, temperature_ns);
     }
 
-    /// The same with changes near a place; it makes no sample dearer, because what cannot be had there may be cheap elsewhere.
+    /// The same for the last missing samples.
+    pub fn round_mending(&mut self, temperature_ns: f64) {
+        self.round_in(None, Rise::Whole, temperature_ns);
+    }
+
+    /// The same with changes near a place.
     pub fn round_near(&mut self, focus: &Focus, temperature_ns: f64) {
-        self.round_in(Some(focus), temperature_ns);
+        self.round_in(Some(focus), Rise::Never, temperature_ns);
     }
 
     /// The neighbourhood of what changed in the scene, as far as the flight goes.
@@ -242,7 +255,7 @@ impl<'a> Annealing<'a> {
     }
 
     /// The neighbourhood that has so many waypoints, and the path as it is.
-    fn round_in(&mut self, focus: Option<&Focus>, temperature_ns: f64) {
+    fn round_in(&mut self, focus: Option<&Focus>, rise: Rise, temperature_ns: f64) {
         let (ground, required, steps) = (self.ground, self.demand.required, self.ground.settings.round_moves);
         let pursuit = match self.aim {
             Aim::MostObjective => Pursuit::Objective(&ground.problem.objective),
@@ -283,21 +296,25 @@ impl<'a> Annealing<'a> {
         self.tried += u64::from(steps) * sectors.len() as u64;
         self.rounds += 1;
         let tries = f64::from(steps) * sectors.len() as f64 / self.flight.waypoints.len() as f64;
-        self.adjust_price(focus.is_none(), tries.min(1.0));
+        self.adjust_price(rise, tries.min(1.0));
         self.keep_best();
     }
 
     /// A sample becomes dearer while samples are missing and do not get much fewer, and cheaper while there are enough; much cheaper while there
     /// are far too many. By as much less as a round is of one that tries a change at every waypoint: what a price does shows after that.
-    fn adjust_price(&mut self, may_rise: bool, share: f64) {
+    fn adjust_price(&mut self, rise: Rise, share: f64) {
         let (worth, required, most) = (self.flight.counts.worth(), self.demand.required, self.ground.most);
         let before = std::mem::replace(&mut self.worth, worth);
         let is_early = self.flight.duration_ns() < self.within_ns;
         let settings = self.ground.settings;
         let adjusted = |price_ns: f64, [before, worth, required, most]: [u32; 4]| {
             let missing = |worth: u32| f64::from(required.saturating_sub(worth));
-            let share = if self.is_mending && worth < required { 1.0 } else { share };
-            if worth < required && missing(worth) < libm::pow(PROGRESS, share) * missing(before) {
+            let rise_share = match rise {
+                Rise::Never => 0.0,
+                Rise::ByChanges => share,
+                Rise::Whole => 1.0,
+            };
+            if worth < required && missing(worth) < libm::pow(PROGRESS, rise_share) * missing(before) {
                 return price_ns;
             }
             let (is_short, is_lavish) = match self.aim {
@@ -309,12 +326,11 @@ impl<'a> Annealing<'a> {
                 Aim::MostCoverage { .. } | Aim::MostObjective => (is_early, false),
             };
             let factor = match (is_short, is_lavish) {
-                (true, _) if may_rise => settings.price_rise,
-                (true, _) => 1.0,
-                (false, false) => settings.price_fall,
-                (false, true) => settings.price_fall * settings.price_fall * settings.price_fall,
+                (true, _) => libm::pow(settings.price_rise, rise_share),
+                (false, false) => libm::pow(settings.price_fall, share),
+                (false, true) => libm::pow(settings.price_fall, 3.0 * share),
             };
-            (price_ns * libm::pow(factor, share)).clamp(PRICES_NS.0, PRICES_NS.1)
+            (price_ns * factor).clamp(PRICES_NS.0, PRICES_NS.1)
         };
         let Prices { captured, matched } = self.demand.prices_ns;
         self.demand.prices_ns = Prices {

@@ -19,7 +19,7 @@ struct Coarse<'a> {
 }
 
 /// Share of the rounds that are over when the coarsest level ends, and when the one between it and the last does. A flight that captures the goal of every
-/// sixteenth sample over tokyo-2km captures 60 % of every fourth, and a third more of it has to be flown: that takes rounds. With 20 s, flights after 0.5 and 0.8
+/// sixteenth sample over tokyo-2km captures 60 % of every fourth, and has to become half as long again: that takes rounds. With 20 s, flights after 0.5 and 0.8
 /// are as long, but captured 94.2 to 94.7 % in place of 95.0; over nihonbashi (1 and 3 s) and marunouchi (5 s) neither is better.
 const END_SHARES: [f64; 2] = [0.3, 0.6];
 

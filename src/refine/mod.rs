@@ -211,13 +211,6 @@ struct Mending<'a> {
 impl Mending<'_> {
     /// So many attempts, each of as many rounds as `rounds` says of its number; whether the best flight is what was wanted.
     fn mend(&mut self, annealing: &mut Annealing, attempts: u32, rounds: impl Fn(u32) -> u32) -> bool {
-        annealing.is_mending = true;
-        let is_met = self.attempt(annealing, attempts, rounds);
-        annealing.is_mending = false;
-        is_met
-    }
-
-    fn attempt(&mut self, annealing: &mut Annealing, attempts: u32, rounds: impl Fn(u32) -> u32) -> bool {
         for attempt in 1..=attempts {
             if self.stop.is_abandoned() {
                 // Nobody looks at it any more: not even at what it is worth.
@@ -236,7 +229,7 @@ impl Mending<'_> {
             for _ in 0..rounds(attempt) {
                 match focus {
                     Some(focus) => annealing.round_near(focus, annealing.coldest_ns()),
-                    None => annealing.round(annealing.coldest_ns()),
+                    None => annealing.round_mending(annealing.coldest_ns()),
                 }
                 if self.stop.is_abandoned() {
                     return false;

@@ -270,21 +270,26 @@ fn prices_follow_as_much_as_a_round_can_have_changed() {
         (few.refine.round_moves, few.refine.sectors) = (1, 1);
         let few = Ground::new(ground.problem, &few, false, Counting::Matched, &StopToken::default());
         // What a price became, each time that it changed, as a share of what it was; with the number of waypoints.
-        let followed = |ground: &Ground, rounds: u32| {
+        let followed = |ground: &Ground, rounds: u32, round: fn(&mut Annealing, f64)| {
             let mut annealing = Annealing::new(ground, &grown.best().path, aim, 8);
             let price_ns = |annealing: &Annealing| annealing.demand.prices_ns.captured;
             let mut changes = Vec::new();
             for _ in 0..rounds {
                 let before_ns = price_ns(&annealing);
-                annealing.round(1e7);
+                round(&mut annealing, 1e7);
                 let share = price_ns(&annealing) / before_ns;
                 changes.extend((share != 1.0).then_some((share, annealing.flight.waypoints.len() as f64)));
             }
             changes
         };
         let rise = settings.refine.price_rise;
-        let (whole, parts) = (followed(ground, 8), followed(&few, 40));
-        assert!(!whole.is_empty() && whole.iter().all(|&(share, _)| (share - rise).abs() < 1e-9), "{whole:?}");
+        let parts = followed(&few, 40, |annealing, ns| annealing.round(ns));
+        for whole in [
+            followed(ground, 8, |annealing, ns| annealing.round(ns)),
+            followed(&few, 8, |annealing, ns| annealing.round_mending(ns)),
+        ] {
+            assert!(!whole.is_empty() && whole.iter().all(|&(share, _)| (share - rise).abs() < 1e-9), "{whole:?}");
+        }
         let is_part = |&(share, waypoints): &(f64, f64)| waypoints > 2.0 && (share - rise.powf(1.0 / waypoints)).abs() < 1e-9;
         assert!(!parts.is_empty() && parts.iter().all(is_part), "{parts:?}");
     });
